@@ -1,0 +1,1 @@
+//! Many stations on one line: bytes in, bytes out.

@@ -1,0 +1,1 @@
+//! KAEL Astro RS485: astronomical time switch with two relays.

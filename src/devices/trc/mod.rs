@@ -1,0 +1,1 @@
+//! LogiCCon TRC: rectifier and battery charger.

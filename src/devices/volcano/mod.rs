@@ -1,0 +1,1 @@
+//! HMI-VOLCANO EC: room controller of a fan heater.

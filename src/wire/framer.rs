@@ -1,0 +1,187 @@
+//! Finds frames in a stream of bytes (BUS-1, BUS-5, BUS-6).
+//!
+//! A frame ends as soon as a length that its function code allows has a good CRC: the length of a request and, for
+//! units that are not ours, that of a reply too, because on a shared line the other devices' replies pass by. For our
+//! own units only a request's length counts, so that no request can be mistaken for a short reply. What does not end
+//! so is kept until the line falls silent, and is then handed out as damaged. Knows no time: the bus tells it of
+//! silence, and of the units that are ours.
+
+use super::crc::crc16;
+use super::pdu::function::{
+    READ_COILS, READ_INPUT_REGISTERS, WRITE_MULTIPLE_COILS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_COIL,
+    WRITE_SINGLE_REGISTER,
+};
+
+/// The most bytes of a frame: unit, function, data, CRC (BUS-1).
+pub const FRAME_MAX: usize = 256;
+
+/// The fewest bytes of a frame.
+const FRAME_MIN: usize = 4;
+
+/// What the framer found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Frame<'a> {
+    /// Unit, function and data of a frame whose CRC is good; the CRC is cut off.
+    Whole(&'a [u8]),
+    /// Bytes that silence ended and that are no frame.
+    Damaged(&'a [u8]),
+    /// More than the longest frame without a silence; its first bytes.
+    Overlong(&'a [u8]),
+}
+
+/// Takes bytes as they come and gives frames.
+#[derive(Clone, Debug, Default)]
+pub struct Framer {
+    bytes: Vec<u8>,
+    /// Where the frame that is being read starts.
+    start: usize,
+    /// Lengths below this have been tried.
+    tried: usize,
+    /// More than the longest frame came without a silence: only silence helps (BUS-1).
+    overrun: bool,
+}
+
+impl Framer {
+    /// Takes bytes off the line.
+    pub fn push(&mut self, bytes: &[u8]) {
+        if self.start > 0 {
+            self.bytes.drain(..self.start);
+            self.start = 0;
+        }
+        if self.overrun {
+            return;
+        }
+        self.bytes.extend_from_slice(bytes);
+    }
+
+    /// The next whole frame, as soon as its last byte is there. `ours` tells the units that are served here.
+    pub fn next_frame(&mut self, ours: impl Fn(u8) -> bool) -> Option<Frame<'_>> {
+        if self.overrun {
+            return None;
+        }
+        let bytes = &self.bytes[self.start..];
+        let length = whole_length(bytes, self.tried, ours);
+        let Some(length) = length else {
+            self.tried = bytes.len().min(FRAME_MAX + 1);
+            if bytes.len() > FRAME_MAX {
+                self.overrun = true;
+                self.bytes.truncate(self.start + FRAME_MAX);
+            }
+            return None;
+        };
+        let start = self.start;
+        self.start += length;
+        self.tried = 0;
+        Some(Frame::Whole(&self.bytes[start..start + length - 2]))
+    }
+
+    /// The line fell silent: what was not a frame until now is none.
+    pub fn silence(&mut self) -> Option<Frame<'_>> {
+        let start = std::mem::replace(&mut self.start, 0);
+        if start > 0 {
+            self.bytes.drain(..start);
+        }
+        self.tried = 0;
+        // The bytes are handed out once and forgotten with the next push.
+        self.start = self.bytes.len();
+        match std::mem::take(&mut self.overrun) {
+            true => Some(Frame::Overlong(&self.bytes)),
+            false => (!self.bytes.is_empty()).then_some(Frame::Damaged(&self.bytes)),
+        }
+    }
+
+    /// Whether bytes are waiting for the rest of their frame, or for silence.
+    pub fn is_waiting(&self) -> bool {
+        self.start < self.bytes.len()
+    }
+
+    /// Forgets everything.
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+}
+
+/// The length of the frame at the start of `bytes`, if one is whole. Lengths of `tried` and below had no good CRC.
+fn whole_length(bytes: &[u8], tried: usize, ours: impl Fn(u8) -> bool) -> Option<usize> {
+    if bytes.len() < FRAME_MIN {
+        return None;
+    }
+    let ours = bytes[0] == 0 || ours(bytes[0]);
+    let good = |length: usize| {
+        let new = length > tried && (FRAME_MIN..=FRAME_MAX.min(bytes.len())).contains(&length);
+        (new && crc16(&bytes[..length]) == 0).then_some(length)
+    };
+    let counted = |at: usize, rest: usize| bytes.get(at).map_or(0, |count| usize::from(*count) + rest);
+    let (request, reply) = match bytes[1] {
+        READ_COILS..=READ_INPUT_REGISTERS => (8, counted(2, 5)),
+        WRITE_SINGLE_COIL | WRITE_SINGLE_REGISTER => (8, 8),
+        WRITE_MULTIPLE_COILS | WRITE_MULTIPLE_REGISTERS => (counted(6, 9), 8),
+        0x80.. if !ours => (5, 5),
+        // Of an unknown function only the CRC tells where it ends.
+        _ => return (FRAME_MIN.max(tried + 1)..=bytes.len().min(FRAME_MAX)).find_map(good),
+    };
+    if ours { good(request) } else { good(request.min(reply)).or_else(|| good(request.max(reply))) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::wire::append_crc;
+
+    fn framed(bytes: &[u8]) -> Vec<u8> {
+        let mut frame = bytes.to_vec();
+        append_crc(&mut frame);
+        frame
+    }
+
+    fn all(framer: &mut Framer) -> Vec<Vec<u8>> {
+        let mut frames = Vec::new();
+        while let Some(Frame::Whole(frame)) = framer.next_frame(|unit| unit == 1) {
+            frames.push(frame.to_vec());
+        }
+        frames
+    }
+
+    #[test]
+    fn bus_5_byte_by_byte_ends_at_the_last_byte() {
+        let mut framer = Framer::default();
+        let frame = framed(&[1, 0x10, 0, 0x10, 0, 2, 4, 0, 14, 0, 11]);
+        for (index, byte) in frame.iter().enumerate() {
+            framer.push(&[*byte]);
+            let found = all(&mut framer);
+            assert_eq!(found.len(), usize::from(index + 1 == frame.len()));
+        }
+        assert!(!framer.is_waiting());
+    }
+
+    #[test]
+    fn bus_6_a_foreign_reply_ends_its_frame() {
+        let reply = framed(&[9, 3, 4, 1, 2, 3, 4]);
+        let request = framed(&[1, 3, 0, 0x10, 0, 7]);
+        let refused = framed(&[9, 0x83, 2]);
+        let mut framer = Framer::default();
+        framer.push(&[reply, refused, request].concat());
+        assert_eq!(all(&mut framer), [vec![9, 3, 4, 1, 2, 3, 4], vec![9, 0x83, 2], vec![1, 3, 0, 0x10, 0, 7]]);
+    }
+
+    #[test]
+    fn bus_1_more_than_256_bytes_are_no_frame() {
+        let mut framer = Framer::default();
+        framer.push(&[0xFF; 300]);
+        assert_eq!(framer.next_frame(|unit| unit == 1), None);
+        framer.push(&framed(&[1, 3, 0, 0x10, 0, 7]));
+        assert_eq!(framer.next_frame(|unit| unit == 1), None);
+        assert!(matches!(framer.silence(), Some(Frame::Overlong(_))));
+        framer.push(&framed(&[1, 3, 0, 0x10, 0, 7]));
+        assert!(framer.next_frame(|unit| unit == 1).is_some());
+    }
+
+    #[test]
+    fn bus_12_a_known_function_of_the_wrong_length_waits_for_silence() {
+        let mut framer = Framer::default();
+        framer.push(&framed(&[1, 3, 0, 0x10, 0]));
+        assert_eq!(framer.next_frame(|unit| unit == 1), None);
+        assert!(framer.silence().is_some());
+        assert!(!framer.is_waiting());
+    }
+}
