@@ -43,9 +43,9 @@ impl Line {
         if self.parity != Parity::None || self.stop_bits == 2 { 11 } else { 10 }
     }
 
-    /// Microseconds that `count` characters take.
-    pub fn characters_us(&self, count: u64) -> u64 {
-        (count * self.character_bits() * 1_000_000).div_ceil(u64::from(self.baud.max(1)))
+    /// Microseconds that `halves` half characters take: silences are counted in them (3.5 characters are 7).
+    pub fn half_characters_us(&self, halves: u64) -> u64 {
+        (halves * self.character_bits() * 500_000).div_ceil(u64::from(self.baud.max(1)))
     }
 }
 
@@ -69,6 +69,9 @@ pub struct Address {
     pub line: Line,
 }
 
+/// A character format on offer: parity, stop bits, and the registers and numbers that stand for it.
+pub type CharacterFormat = (Parity, u8, &'static [(Point<u16>, u16)]);
+
 /// The line registers of a model: which hold the settings, and by which numbers.
 #[derive(Debug)]
 pub struct LineOffer {
@@ -82,7 +85,7 @@ pub struct LineOffer {
     pub bauds: &'static [(u32, u16)],
     /// Character formats, and the registers and numbers that stand for each. Where several formats have the same parity
     /// and stop bits, the first is the one that devices.toml sets.
-    pub formats: &'static [(Parity, u8, &'static [(Point<u16>, u16)])],
+    pub formats: &'static [CharacterFormat],
     /// What the device sends where its registers stand for nothing on offer: its factory line.
     pub factory: Line,
 }
@@ -135,7 +138,7 @@ impl LineOffer {
         missing
     }
 
-    fn format(&self, line: Line) -> Option<&(Parity, u8, &'static [(Point<u16>, u16)])> {
+    fn format(&self, line: Line) -> Option<&CharacterFormat> {
         self.formats.iter().find(|format| (format.0, format.1) == (line.parity, line.stop_bits))
     }
 }

@@ -247,7 +247,7 @@ impl Station {
     /// Brings back a copy made by [`Station::live`].
     pub fn restore(&mut self, live: Live) {
         self.live = live;
-        self.unsaved = true;
+        self.effects = Effects::default();
     }
 
     /// Lives up to `to`, stopping at every protocol delay that ends before it.

@@ -1,1 +1,0 @@
-//! Many stations on one line: bytes in, bytes out.
