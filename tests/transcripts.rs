@@ -182,8 +182,9 @@ fn play(stage: &mut Stage, verb: &str, rest: &str) {
 }
 
 fn hear(bench: &mut Bench, words: &[&str]) {
-    if words == ["silence"] {
-        if let Some(frame) = bench.hear_within(100) {
+    if let ["silence", time @ ..] = words {
+        let ms = if time.is_empty() { 100.0 } else { seconds(time) * 1e3 };
+        if let Some(frame) = bench.hear_within(ms as u64) {
             panic!("wanted silence\n    got    {}", hex(&frame));
         }
         return;
