@@ -85,18 +85,19 @@ struct Door {
     seen: Option<(u32, u8)>,
     /// Stations that this client was warned about (BUS-16).
     warned: HashSet<usize>,
-    requests: VecDeque<TcpRequest>,
+    /// Whole requests that wait for their turn.
+    requests: VecDeque<Queued>,
 }
 
 #[derive(Debug)]
-struct TcpRequest {
-    transaction: u16,
+struct Queued {
+    transaction: Option<u16>,
     unit: u8,
     pdu: Vec<u8>,
 }
 
-/// The most Modbus TCP requests that wait for their turn at one door; more are dropped.
-pub const TCP_QUEUE_MAX: usize = 64;
+/// The most requests that wait for their turn at one door; more are dropped.
+pub const QUEUE_MAX: usize = 64;
 
 /// What the bus wants the shell to do, in this order.
 #[derive(Clone, Debug, PartialEq)]
@@ -271,9 +272,17 @@ impl Bus {
         let Some(index) = self.doors.iter().position(|other| other.id == door) else { return };
         let door = &mut self.doors[index];
         if door.framer.is_waiting() && now.since_us(door.heard_at) > timeout_us {
+            // Whole frames wait for the reply before them; only what follows them is none.
+            let routes = &self.segment.routes;
+            while let Some(Frame::Whole(frame)) =
+                door.framer.next_frame(|unit| routes[usize::from(unit)] != Route::Nobody)
+            {
+                if door.requests.len() < QUEUE_MAX {
+                    door.requests.push_back(Queued { transaction: None, unit: frame[0], pdu: frame[1..].to_vec() });
+                }
+            }
             Self::silence(door, &mut self.segment);
         }
-        let door = &mut self.doors[index];
         door.framer.push(bytes);
         door.heard_at = now;
     }
@@ -282,8 +291,8 @@ impl Bus {
     pub fn receive_pdu(&mut self, now: Instant, door: DoorId, transaction: u16, unit: u8, pdu: &[u8]) {
         self.segment.now = self.segment.now.max(now);
         let Some(door) = self.door(door) else { return };
-        if door.requests.len() < TCP_QUEUE_MAX {
-            door.requests.push_back(TcpRequest { transaction, unit, pdu: pdu.to_vec() });
+        if door.requests.len() < QUEUE_MAX {
+            door.requests.push_back(Queued { transaction: Some(transaction), unit, pdu: pdu.to_vec() });
         }
     }
 
@@ -315,9 +324,8 @@ impl Bus {
         let timeout_us = self.settings.frame_timeout_us();
         for door in &mut self.doors {
             if let Some(request) = door.requests.pop_front() {
-                let TcpRequest { transaction, unit, pdu } = request;
+                let Queued { transaction, unit, pdu } = request;
                 let (kind, seen, warned) = (door.kind, door.seen, &mut door.warned);
-                let transaction = Some(transaction);
                 self.segment.hear(Heard { door: door.id, kind, transaction, seen, warned, unit, pdu: &pdu });
                 return true;
             }

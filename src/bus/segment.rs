@@ -145,9 +145,13 @@ impl Segment {
 
     pub(super) fn persist_changed(&mut self) {
         for index in 0..self.stations.len() {
-            if self.is_durable && self.stations[index].take_unsaved() {
-                self.persist(index);
-            }
+            self.persist_if_changed(index);
+        }
+    }
+
+    fn persist_if_changed(&mut self, index: usize) {
+        if self.is_durable && self.stations[index].take_unsaved() {
+            self.persist(index);
         }
     }
 
@@ -274,6 +278,9 @@ impl Segment {
         }
         if !request.is_read() || !self.stations[index].is_listening() {
             self.settle();
+        } else {
+            // A read may tell of something that happened since: it is a promise too (BUS-19).
+            self.persist_if_changed(index);
         }
     }
 

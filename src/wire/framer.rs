@@ -15,6 +15,9 @@ use super::pdu::function::{
 /// The most bytes of a frame: unit, function, data, CRC (BUS-1).
 pub const FRAME_MAX: usize = 256;
 
+/// The most bytes that wait while the bus is busy; a client that sends on without reading loses the rest.
+const WAITING_MAX: usize = 16 * 1024;
+
 /// The fewest bytes of a frame.
 const FRAME_MIN: usize = 4;
 
@@ -42,7 +45,7 @@ pub struct Framer {
 }
 
 impl Framer {
-    /// Takes bytes off the line.
+    /// Takes bytes off the line; what is more than may wait is lost.
     pub fn push(&mut self, bytes: &[u8]) {
         if self.start > 0 {
             self.bytes.drain(..self.start);
@@ -51,7 +54,8 @@ impl Framer {
         if self.overrun {
             return;
         }
-        self.bytes.extend_from_slice(bytes);
+        let room = WAITING_MAX.saturating_sub(self.bytes.len());
+        self.bytes.extend_from_slice(&bytes[..bytes.len().min(room)]);
     }
 
     /// The next whole frame, as soon as its last byte is there. `ours` tells the units that are served here.
