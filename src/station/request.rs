@@ -1,6 +1,6 @@
 //! The standard way of a request: the order of checks of BUS-8, reads of one snapshot, writes that are all or nothing.
 
-use super::{Live, Outcome, Station};
+use super::{Outcome, Station};
 use crate::device::{Answer, Refusal};
 use crate::image::{Change, Image, Member, Origin, Txn, Write};
 use crate::map::{Access, Bank, Keep};
