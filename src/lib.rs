@@ -4,6 +4,7 @@
 //! [`devices`] are written; [`station`] is one slave, [`bus`] many of them on a line.
 
 pub mod bus;
+pub mod config;
 pub mod device;
 pub mod devices;
 pub mod image;
