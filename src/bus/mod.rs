@@ -135,12 +135,28 @@ pub struct Exchange {
     pub unit: u8,
     /// Index of the station that it reached.
     pub station: Option<usize>,
+    /// In what form it came.
+    pub form: Form,
     /// Unit, function and data of the request; all bytes of what is no frame.
     pub request: Vec<u8>,
     /// Unit, function and data of the reply; empty without one.
     pub reply: Vec<u8>,
     /// What became of it.
     pub outcome: Outcome,
+}
+
+/// In what form a request came.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Form {
+    /// A frame with a CRC.
+    Rtu,
+    /// A transaction of Modbus TCP.
+    Tcp {
+        /// Its number.
+        transaction: u16,
+    },
+    /// Bytes that silence ended and that are no frame.
+    Damaged,
 }
 
 /// What a bus has counted since its start.
@@ -287,6 +303,31 @@ impl Bus {
         door.heard_at = now;
     }
 
+    /// The bytes handed in last by a door may have come as late as `now`, because the shell was late to look: the
+    /// silence behind them is counted from then, so that no delay of the program passes for one (BUS-5).
+    pub fn heard_until(&mut self, now: Instant, door: DoorId) {
+        if let Some(door) = self.door(door) {
+            door.heard_at = door.heard_at.max(now);
+        }
+    }
+
+    /// Whether a door takes more without losing some: a shell that can make its client wait does so until then.
+    pub fn has_room(&self, door: DoorId) -> bool {
+        let door = self.doors.iter().find(|other| other.id == door);
+        door.is_some_and(|door| door.requests.len() < QUEUE_MAX && door.framer.has_room())
+    }
+
+    /// Whether something that came in by a door is still to be answered, or may be.
+    pub fn is_asked(&self, door: DoorId) -> bool {
+        let waits = |other: &Door| other.id == door && (!other.requests.is_empty() || other.framer.is_waiting());
+        self.doors.iter().any(waits) || self.segment.replies.iter().any(|reply| reply.door == door)
+    }
+
+    /// Whether a reply is under way.
+    pub fn is_answering(&self) -> bool {
+        !self.segment.replies.is_empty()
+    }
+
     /// Takes a request of Modbus TCP.
     pub fn receive_pdu(&mut self, now: Instant, door: DoorId, transaction: u16, unit: u8, pdu: &[u8]) {
         self.segment.now = self.segment.now.max(now);
@@ -354,8 +395,8 @@ impl Bus {
         };
         segment.counters.bad_frames += 1;
         segment.counters.dropped_bytes += bytes.len() as u64;
-        if !overlong {
-            segment.damaged(id, kind, bytes);
+        if overlong || !segment.damaged(id, kind, bytes) {
+            segment.report_damaged(bytes);
         }
     }
 

@@ -2,12 +2,12 @@
 
 use std::collections::{HashMap, HashSet, VecDeque};
 
-use super::{Counters, DoorId, DoorKind, Exchange, LineCheck, Output, Settings, Timing};
+use super::{Counters, DoorId, DoorKind, Exchange, Form, LineCheck, Output, Settings, Timing};
 use crate::device::Refusal;
 use crate::line::Line;
 use crate::station::{self, Outcome, Station};
 use crate::time::{Instant, SimClock};
-use crate::wire::{Exception, Request, append_crc, crc16};
+use crate::wire::{Exception, FRAME_MAX, Request, append_crc, crc16};
 
 /// All of the bus but the doors.
 #[derive(Debug)]
@@ -332,15 +332,15 @@ impl Segment {
         own_us + line.half_characters_us(2 * characters as u64 + 7)
     }
 
-    /// Takes bytes that silence ended and that are no frame (BUS-4).
-    pub(super) fn damaged(&mut self, door: DoorId, kind: DoorKind, bytes: &[u8]) {
-        let Route::One(index) = self.routes[usize::from(bytes.first().copied().unwrap_or(0))] else { return };
+    /// Takes bytes that silence ended and that are no frame (BUS-4); `false` when nobody answers them.
+    pub(super) fn damaged(&mut self, door: DoorId, kind: DoorKind, bytes: &[u8]) -> bool {
+        let Route::One(index) = self.routes[usize::from(bytes.first().copied().unwrap_or(0))] else { return false };
         if bytes.len() < 4 || crc16(bytes) == 0 {
-            return;
+            return false;
         }
         self.stations[index].advance(&self.clock, self.now);
         if !self.stations[index].answers_crc_errors() {
-            return;
+            return false;
         }
         let frame = vec![bytes[0], bytes[1] | 0x80, Exception::IllegalDataValue as u8];
         let line = self.stations[index].address().line;
@@ -352,6 +352,7 @@ impl Segment {
                 reply_us: 0,
                 unit: bytes[0],
                 station: Some(index),
+                form: Form::Damaged,
                 request: bytes.to_vec(),
                 reply: frame.clone(),
                 outcome: Outcome::Exception(refusal),
@@ -361,6 +362,30 @@ impl Segment {
         append_crc(&mut bytes);
         self.counters.exceptions += 1;
         self.replies.push_back(Reply { due, door, transaction: None, bytes, heard: self.now, exchange });
+        true
+    }
+
+    /// Reports bytes that silence ended and that nobody answers.
+    pub(super) fn report_damaged(&mut self, bytes: &[u8]) {
+        if !self.is_observed {
+            return;
+        }
+        let reason = match bytes.len() {
+            0..4 => "fewer than four bytes are no frame (BUS-1)",
+            FRAME_MAX.. => "more than 256 bytes without a silence are no frame (BUS-1)",
+            _ if crc16(bytes) == 0 => "the body has the wrong length for its function (BUS-12)",
+            _ => "the CRC is wrong (BUS-4)",
+        };
+        self.outputs.push_back(Output::Exchange(Box::new(Exchange {
+            at: self.clock.at(self.now),
+            reply_us: 0,
+            unit: bytes.first().copied().unwrap_or(0),
+            station: None,
+            form: Form::Damaged,
+            request: bytes.to_vec(),
+            reply: Vec::new(),
+            outcome: Outcome::Silence(reason),
+        })));
     }
 
     fn exchange(&self, heard: &Heard, station: Option<usize>, outcome: Outcome) -> Exchange {
@@ -373,6 +398,7 @@ impl Segment {
             reply_us: 0,
             unit: heard.unit,
             station,
+            form: heard.transaction.map_or(Form::Rtu, |transaction| Form::Tcp { transaction }),
             request,
             reply: if is_silent { Vec::new() } else { self.scratch.clone() },
             outcome,

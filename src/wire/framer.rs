@@ -99,6 +99,11 @@ impl Framer {
         self.start < self.bytes.len()
     }
 
+    /// Whether a whole read of the shell still fits; what came without a silence and is no frame takes no room.
+    pub fn has_room(&self) -> bool {
+        self.bytes.len() - self.start <= WAITING_MAX / 2
+    }
+
     /// Forgets everything.
     pub fn clear(&mut self) {
         *self = Self::default();
