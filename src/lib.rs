@@ -4,9 +4,11 @@
 //! [`devices`] are written; [`station`] is one slave, [`bus`] many of them on a line.
 
 pub mod bus;
+pub mod cli;
 pub mod config;
 pub mod device;
 pub mod devices;
+pub mod export;
 pub mod image;
 pub mod line;
 pub mod map;

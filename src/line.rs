@@ -16,6 +16,17 @@ pub enum Parity {
     Odd,
 }
 
+impl Parity {
+    /// The letter between data bits and stop bits, as in 8N2.
+    pub const fn letter(self) -> char {
+        match self {
+            Parity::None => 'N',
+            Parity::Even => 'E',
+            Parity::Odd => 'O',
+        }
+    }
+}
+
 impl fmt::Display for Parity {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
         out.write_str(match self {
@@ -51,12 +62,7 @@ impl Line {
 
 impl fmt::Display for Line {
     fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let letter = match self.parity {
-            Parity::None => 'N',
-            Parity::Even => 'E',
-            Parity::Odd => 'O',
-        };
-        write!(out, "{} 8{letter}{}", self.baud, self.stop_bits)
+        write!(out, "{} 8{}{}", self.baud, self.parity.letter(), self.stop_bits)
     }
 }
 

@@ -1,3 +1,7 @@
-//! The command line of `standin`.
+//! The program `standin`: see [`standin::cli`].
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    standin::cli::main()
+}

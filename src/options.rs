@@ -28,6 +28,17 @@ pub enum OptionRange {
     Choice(&'static [&'static str]),
 }
 
+impl OptionRange {
+    /// What the option may be, in words.
+    pub fn allowed(&self) -> String {
+        match self {
+            OptionRange::Integer(min, max, _) => format!("a whole number, {min} to {max}"),
+            OptionRange::Flag(_) => "true or false".into(),
+            OptionRange::Choice(choices) => format!("\"{}\"", choices.join("\" or \"")),
+        }
+    }
+}
+
 /// Options that every device has.
 pub const COMMON_OPTIONS: &[OptionRow] = &[OptionRow {
     name: "response_delay_ms",
@@ -92,11 +103,7 @@ impl Options {
             _ => false,
         };
         if !allowed {
-            return Err(match row.range {
-                OptionRange::Integer(min, max, _) => format!("a whole number, {min} to {max}"),
-                OptionRange::Flag(_) => "true or false".into(),
-                OptionRange::Choice(choices) => format!("\"{}\"", choices.join("\" or \"")),
-            });
+            return Err(row.range.allowed());
         }
         self.values.insert(row.name, value);
         Ok(())

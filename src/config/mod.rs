@@ -5,6 +5,7 @@
 
 mod bus;
 mod device;
+mod plan;
 mod reader;
 
 use std::collections::HashMap;

@@ -214,14 +214,18 @@ pub(super) fn shown(value: &DeValue) -> String {
     }
 }
 
-/// The known names that are most like `name`, at most `count` of them, as the end of an error text; empty where there
-/// is none to offer.
+/// Names less like than this are no help.
+const LIKENESS_MIN: f64 = 0.6;
+
+/// The known names that are most like `name`, at most `count` of them, as the end of an error text; empty where none
+/// is like it.
 pub(super) fn nearest(name: &str, known: impl IntoIterator<Item = impl Into<String>>, count: usize) -> String {
     let mut known: Vec<(f64, String)> =
         known.into_iter().map(Into::into).map(|known| (strsim::jaro_winkler(name, &known), known)).collect();
     known.sort_by(|(likeness, name), (other_likeness, other)| {
         other_likeness.total_cmp(likeness).then_with(|| name.cmp(other))
     });
-    let names: Vec<String> = known.into_iter().take(count).map(|(_, name)| name).collect();
+    let near = known.into_iter().filter(|(likeness, _)| *likeness >= LIKENESS_MIN);
+    let names: Vec<String> = near.take(count).map(|(_, name)| name).collect();
     if names.is_empty() { String::new() } else { format!("; did you mean {}?", names.join(" or ")) }
 }
