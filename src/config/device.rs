@@ -17,7 +17,7 @@ use crate::station::{Setup, Station};
 use crate::time::SimClock;
 
 use super::bus::LineEntry;
-use super::reader::{Entry, Problems, Table, integer, nearest, number, shown};
+use super::reader::{Entry, Problems, Table, integer, number, shown};
 use super::{Seen, name, unique};
 
 /// The largest unit number that Modbus does not reserve.
@@ -71,7 +71,7 @@ fn read_model(entry: Entry, problems: &mut Problems) -> Option<&'static Kind> {
     let found = entry.value.as_str().and_then(kind);
     if found.is_none() {
         let models: Vec<&str> = KINDS.iter().map(|kind| kind.name).collect();
-        let near = entry.value.as_str().map_or(String::new(), |name| nearest(name, models.iter().copied(), 1));
+        let near = entry.value.as_str().map_or(String::new(), |name| problems.nearest(name, models.iter().copied(), 1));
         problems.error(entry.at, format!("{}{near}", entry.refusal(&format!("one of {}", models.join(", ")))));
     }
     found
@@ -125,7 +125,7 @@ fn read_inputs(table: &Table, kind: &'static Kind, problems: &mut Problems) -> V
     let mut values = Vec::new();
     for entry in table.entries() {
         let Some(index) = kind.input(entry.key) else {
-            let near = nearest(entry.key, kind.inputs.iter().map(|input| input.name()), 3);
+            let near = problems.nearest(entry.key, kind.inputs.iter().map(|input| input.name()), 3);
             problems.error(entry.key_at, format!("{} has no input {:?}{near}", kind.name, entry.key));
             continue;
         };
@@ -155,7 +155,7 @@ fn read_options(table: &Table, prefix: &str, kind: &'static Kind, options: &mut 
             continue;
         }
         let Some(row) = kind.all_options().find(|row| row.name == name) else {
-            let near = nearest(&name, kind.all_options().map(|row| row.name), 2);
+            let near = problems.nearest(&name, kind.all_options().map(|row| row.name), 2);
             problems.error(entry.key_at, format!("{} has no option {name:?}{near}", kind.name));
             continue;
         };
@@ -191,7 +191,7 @@ fn read_registers(
     let mut values = Vec::new();
     for entry in table.entries() {
         let Some(member) = layout.named(entry.key) else {
-            let near = nearest(entry.key, layout.members().map(|member| member.name()), 3);
+            let near = problems.nearest(entry.key, layout.members().map(|member| member.name()), 3);
             let list = format!("`standin registers {}` lists them", kind.name);
             problems.error(entry.key_at, format!("{} has no register {:?}{near} {list}", kind.name, entry.key));
             continue;

@@ -22,7 +22,7 @@ use crate::bus::Settings;
 use crate::image::Layout;
 use crate::station::Setup;
 use crate::time::{SimClock, into_century};
-use reader::{Entry, Problems, Table, number, place, shown};
+use reader::{Entry, Found, Problems, Table, number, shown};
 
 /// The example configuration: all models on one pty bus, commented. It runs where no devices.toml is.
 pub const EXAMPLE: &str = include_str!("../../devices.toml");
@@ -31,7 +31,7 @@ pub const EXAMPLE: &str = include_str!("../../devices.toml");
 pub const DEFAULT_FILE: &str = "devices.toml";
 
 /// Most bytes that a devices.toml may have; what is larger is something else.
-const FILE_BYTES_MAX: u64 = 4 << 20;
+const FILE_BYTES_MAX: u64 = 1 << 20;
 
 /// A configuration that has passed every check.
 #[derive(Clone, Debug)]
@@ -190,18 +190,24 @@ impl Config {
     pub fn parse(file: &str, bytes: &[u8], overrides: &Overrides, host: NaiveDateTime) -> Result<Self, ConfigError> {
         let error = |problems: Vec<Problem>| ConfigError { file: file.into(), problems };
         let text = std::str::from_utf8(bytes).map_err(|not_utf8| {
-            let good = String::from_utf8_lossy(&bytes[..not_utf8.valid_up_to()]);
-            let message = "not UTF-8 text: TOML files are UTF-8".into();
-            error(vec![Problem { place: Some(place(&good, good.len())), message }])
+            let (good, _) = bytes.split_at(not_utf8.valid_up_to());
+            let line_start = good.iter().rposition(|byte| *byte == b'\n').map_or(0, |newline| newline + 1);
+            let line = good.iter().filter(|byte| **byte == b'\n').count() + 1;
+            let column = String::from_utf8_lossy(&good[line_start..]).chars().count() + 1;
+            let message = "not UTF-8 text, which TOML files are".into();
+            error(vec![Problem { place: Some((line, column)), message }])
         })?;
         let (document, broken) = DeTable::parse_recoverable(text);
         let mut problems = Problems::new(text);
         for broken in &broken {
-            problems
-                .error(broken.span().map_or(text.len(), |span| span.start), format!("not TOML: {}", broken.message()));
+            let span = broken.span().unwrap_or(text.len()..text.len());
+            let message = match broken.message() {
+                DUPLICATE_KEY => format!("key {} stands here a second time", text.get(span.clone()).unwrap_or("")),
+                message => format!("not TOML: {message}"),
+            };
+            problems.error(span.start, message);
         }
-        // What a document with broken lines means is a guess; a key given twice is the one fault that leaves it clear.
-        let is_clear = broken.iter().all(|broken| broken.message().starts_with("duplicate key"));
+        let is_clear = broken.iter().all(|broken| leaves_the_rest_clear(broken.message()));
         let config = is_clear.then(|| read_document(document.get_ref(), overrides, host, &mut problems));
         let (errors, warnings) = problems.into_parts();
         let mut problems: Vec<Problem> =
@@ -213,7 +219,7 @@ impl Config {
         if !problems.is_empty() {
             return Err(error(problems));
         }
-        let said = |((line, column), message): &reader::Found| format!("{file}:{line}:{column}: {message}");
+        let said = |((line, column), message): &Found| format!("{file}:{line}:{column}: {message}");
         config.warnings = warnings.iter().map(said).collect();
         Ok(config)
     }
@@ -222,6 +228,15 @@ impl Config {
     pub fn clock(&self, host: NaiveDateTime) -> SimClock {
         SimClock::new(self.start.or_host(host), self.rate)
     }
+}
+
+/// The parser's words for a key that a table has already.
+const DUPLICATE_KEY: &str = "duplicate key";
+
+/// What a document with broken lines means is a guess, which would only add wrong errors to right ones. These faults
+/// leave no doubt, so the rest of the file is judged too.
+fn leaves_the_rest_clear(message: &str) -> bool {
+    message == DUPLICATE_KEY || message.starts_with("string values must be quoted")
 }
 
 /// What is unique in a file, with the place of the first, and what is made once for all devices of a model.
@@ -242,12 +257,11 @@ fn read_document(entries: &DeTable, overrides: &Overrides, host: NaiveDateTime, 
     let control = root.table("control", problems).and_then(|table| read_control(table, overrides, &mut seen, problems));
     let (start, rate) = (overrides.start.unwrap_or(start), overrides.rate.unwrap_or(rate));
     let clock = SimClock::new(start.or_host(host), rate);
+    let before = problems.errors_so_far();
     let tables = root.tables("bus", "[[bus]]", problems);
-    if tables.is_empty() {
-        problems.error(
-            0,
-            "there is no [[bus]]: a bus needs name, port and its [[bus.device]]s; `standin init` prints an example",
-        );
+    if tables.is_empty() && problems.errors_so_far() == before {
+        let parts = "a bus needs name, port and its [[bus.device]]s";
+        problems.error(0, format!("there is no [[bus]]: {parts}; `standin init` prints an example"));
     }
     let buses = tables.into_iter().filter_map(|table| bus::read(table, &clock, &mut seen, problems)).collect();
     root.finish(problems);
@@ -442,7 +456,7 @@ fn unique(what: &str, key: &str, at: usize, seen: &mut HashMap<String, usize>, p
         seen.insert(key.to_owned(), at);
         return true;
     };
-    let line = problems.place(first).0;
+    let line = problems.line(first);
     problems.error(at, format!("{what} {key} stands in line {line} too: give each its own"));
     false
 }

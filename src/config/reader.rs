@@ -1,7 +1,5 @@
 //! Reading a TOML document with the place of everything in it, and collecting what is wrong. Knows TOML, not the keys.
 
-use std::collections::BTreeSet;
-
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -9,13 +7,21 @@ use toml::de::{DeTable, DeValue};
 #[derive(Debug)]
 pub(super) struct Problems<'a> {
     text: &'a str,
+    line_starts: Vec<usize>,
     errors: Vec<(usize, String)>,
     warnings: Vec<(usize, String)>,
 }
 
+/// Line and column, both from 1, and what is wrong there.
+pub(super) type Found = ((usize, usize), String);
+
+/// After so many errors nobody is helped by looking for what else was meant, and it takes its time.
+const ERRORS_WITH_ADVICE: usize = 200;
+
 impl<'a> Problems<'a> {
     pub(super) fn new(text: &'a str) -> Self {
-        Self { text, errors: Vec::new(), warnings: Vec::new() }
+        let line_starts = std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect();
+        Self { text, line_starts, errors: Vec::new(), warnings: Vec::new() }
     }
 
     pub(super) fn error(&mut self, at: usize, message: impl Into<String>) {
@@ -30,31 +36,62 @@ impl<'a> Problems<'a> {
         self.errors.len()
     }
 
-    /// Line and column of a place in the text, both from 1; columns count characters.
-    pub(super) fn place(&self, at: usize) -> (usize, usize) {
-        place(self.text, at)
+    /// The line of a place in the text, from 1.
+    pub(super) fn line(&self, at: usize) -> usize {
+        self.line_starts.partition_point(|start| *start <= at)
+    }
+
+    /// The known names that are most like `name`, at most `count` of them, as the end of an error text; empty where
+    /// none is like it.
+    pub(super) fn nearest(
+        &self,
+        name: &str,
+        known: impl IntoIterator<Item = impl Into<String>>,
+        count: usize,
+    ) -> String {
+        if self.errors.len() > ERRORS_WITH_ADVICE {
+            return String::new();
+        }
+        let likeness = |known: String| (strsim::jaro_winkler(name, &known), known);
+        let mut near: Vec<(f64, String)> = known.into_iter().map(Into::into).map(likeness).collect();
+        near.retain(|(likeness, _)| *likeness >= LIKENESS_MIN);
+        near.sort_by(|(one, name), (other, other_name)| other.total_cmp(one).then_with(|| name.cmp(other_name)));
+        let names: Vec<String> = near.into_iter().take(count).map(|(_, name)| name).collect();
+        if names.is_empty() { String::new() } else { format!("; did you mean {}?", names.join(" or ")) }
     }
 
     /// Errors and warnings in the order of the text, each once.
-    pub(super) fn into_parts(self) -> (Vec<Found>, Vec<Found>) {
-        let text = self.text;
-        let in_order = |found: Vec<(usize, String)>| {
-            let unique: BTreeSet<(usize, String)> = found.into_iter().collect();
-            unique.into_iter().map(|(at, message)| (place(text, at), message)).collect()
-        };
-        (in_order(self.errors), in_order(self.warnings))
+    pub(super) fn into_parts(mut self) -> (Vec<Found>, Vec<Found>) {
+        let errors = std::mem::take(&mut self.errors);
+        let warnings = std::mem::take(&mut self.warnings);
+        (self.in_order(errors), self.in_order(warnings))
+    }
+
+    fn in_order(&self, mut found: Vec<(usize, String)>) -> Vec<Found> {
+        found.sort();
+        found.dedup();
+        let (mut line, mut column, mut seen) = (0, 0, 0);
+        let mut placed = Vec::new();
+        for (at, message) in found {
+            let at = at.min(self.text.len());
+            if self.line(at) != line {
+                line = self.line(at);
+                (column, seen) = (1, self.line_starts[line - 1]);
+            }
+            // The byte order mark that some editors put first is no column.
+            let between = self.text.get(seen..at).unwrap_or("");
+            column += between.chars().filter(|c| *c != BYTE_ORDER_MARK).count();
+            seen = at;
+            placed.push(((line, column), message));
+        }
+        placed
     }
 }
 
-/// Line and column, and what is wrong there.
-pub(super) type Found = ((usize, usize), String);
+/// Names less like than this are no help.
+const LIKENESS_MIN: f64 = 0.6;
 
-/// Line and column of byte `at`, both from 1.
-pub(super) fn place(text: &str, at: usize) -> (usize, usize) {
-    let before = text.get(..at).unwrap_or(text);
-    let line_start = before.rfind('\n').map_or(0, |newline| newline + 1);
-    (before.matches('\n').count() + 1, before[line_start..].chars().count() + 1)
-}
+const BYTE_ORDER_MARK: char = '\u{feff}';
 
 /// A table whose keys are being asked for one after the other.
 #[derive(Debug)]
@@ -136,7 +173,7 @@ impl<'a> Table<'a> {
     pub(super) fn finish(self, problems: &mut Problems) {
         for entry in self.entries() {
             if !self.known.contains(&entry.key) {
-                let near = nearest(entry.key, self.known.iter().copied(), 1);
+                let near = problems.nearest(entry.key, self.known.iter().copied(), 1);
                 let known = self.known.join(", ");
                 let message = format!("unknown key {:?}: {} takes {known}{near}", entry.key, self.name);
                 problems.error(entry.key_at, message);
@@ -212,20 +249,4 @@ pub(super) fn shown(value: &DeValue) -> String {
         DeValue::Array(_) => "a list".into(),
         DeValue::Table(_) => "a table".into(),
     }
-}
-
-/// Names less like than this are no help.
-const LIKENESS_MIN: f64 = 0.6;
-
-/// The known names that are most like `name`, at most `count` of them, as the end of an error text; empty where none
-/// is like it.
-pub(super) fn nearest(name: &str, known: impl IntoIterator<Item = impl Into<String>>, count: usize) -> String {
-    let mut known: Vec<(f64, String)> =
-        known.into_iter().map(Into::into).map(|known| (strsim::jaro_winkler(name, &known), known)).collect();
-    known.sort_by(|(likeness, name), (other_likeness, other)| {
-        other_likeness.total_cmp(likeness).then_with(|| name.cmp(other))
-    });
-    let near = known.into_iter().filter(|(likeness, _)| *likeness >= LIKENESS_MIN);
-    let names: Vec<String> = near.take(count).map(|(_, name)| name).collect();
-    if names.is_empty() { String::new() } else { format!("; did you mean {}?", names.join(" or ")) }
 }
