@@ -193,6 +193,12 @@ pub trait Device: Send {
         row.admits(number)
     }
 
+    /// Whether EEPROM may hold a number in a row: wider than [`Device::admits`] where the device puts numbers there itself
+    /// that nobody may write.
+    fn holds(&self, row: &Row, number: i64) -> bool {
+        self.admits(row, number)
+    }
+
     /// Shapes a write: rounding, wrapping, dependent registers. Every value has passed [`Device::admits`].
     fn stage(&self, txn: &mut Txn) {
         let _ = txn;

@@ -52,7 +52,7 @@ impl Station {
         for (name, raw) in &saved.registers {
             let member = self.layout.named(name).filter(kept);
             let member = member.ok_or_else(|| format!("{} keeps no register {name}", self.kind.name))?;
-            if !self.live.device.admits(member.row, *raw) || !self.live.regs.set_raw(member, *raw) {
+            if !self.live.device.holds(member.row, *raw) || !self.live.regs.set_raw(member, *raw) {
                 return Err(format!("register {name} takes {}, not {raw}", member.row.allowed()));
             }
         }
