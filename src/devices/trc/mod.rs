@@ -26,7 +26,7 @@ use crate::wire::function::{
 use crate::world::World;
 
 /// The model.
-pub const KIND: Kind = Kind {
+pub static KIND: Kind = Kind {
     name: "logiccon-trc",
     title: "LogiCCon TRC rectifier and battery charger",
     manual: "LogiCCon TRC serisi Modbus kullanma kılavuzu, REV01, March 2017",
