@@ -55,6 +55,7 @@ impl Room {
         while is_untouched && self.next_us <= now_us {
             self.step(Outputs::default(), world);
         }
+        self.left = world.number(ROOM_TEMPERATURE);
         self.next_us = (now_us.div_euclid(SECOND_US) + 1) * SECOND_US;
     }
 }

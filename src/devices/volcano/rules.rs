@@ -121,5 +121,11 @@ fn day_exists(txn: &Txn) -> bool {
 }
 
 fn mode_is_available(txn: &Txn) -> bool {
-    !matches!((txn.sent(ZONE_MODE), txn.get(ZONE_AVAILABLE_MODE)), (Some(0), 2) | (Some(1), 1))
+    !txn.touches(ZONE_MODE) || is_available(txn.after)
+}
+
+/// Whether the mode that is set is one that the installation has (VOL-42).
+pub fn is_available(regs: &Image) -> bool {
+    let mode_bit = if regs.get(ZONE_MODE) == 0 { 1 } else { 2 };
+    regs.get(ZONE_AVAILABLE_MODE) & mode_bit != 0
 }

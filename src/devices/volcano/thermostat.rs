@@ -2,6 +2,7 @@
 //! fan (VOL-43). Knows temperatures as the registers count them, no time and no room.
 
 use super::map::*;
+use super::rules::is_available;
 use super::schedule::is_working;
 use super::units::Unit;
 use crate::image::Image;
@@ -74,7 +75,7 @@ impl Thermostat {
     fn control(&mut self, reading: i32, program_state: u16, regs: &Image) {
         let mode = if regs.get(ZONE_MODE) == 0 { Mode::Cooling } else { Mode::Heating };
         let is_blocked = mode == Mode::Cooling && self.is_protecting;
-        if !regs.get(POWER_ON_OFF) || !is_working(program_state) || is_blocked {
+        if !regs.get(POWER_ON_OFF) || !is_available(regs) || !is_working(program_state) || is_blocked {
             self.demand = None;
             return;
         }
