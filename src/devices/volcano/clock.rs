@@ -19,7 +19,7 @@ pub struct Clock {
 }
 
 /// A moment of the week, as far as the schedule asks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct WeekTime {
     /// 0 Monday to 6 Sunday.
     pub weekday: u16,

@@ -13,9 +13,10 @@ mod units;
 use serde::{Deserialize, Serialize};
 use serde_json::Value as Json;
 
-use self::clock::Clock;
+use self::clock::{Clock, WeekTime};
 use self::map::*;
 use self::room::Room;
+use self::schedule::program_state;
 use self::sensor::Sensor;
 use self::thermostat::{Outputs, Thermostat};
 use self::units::{Memory, Unit};
@@ -63,11 +64,36 @@ struct Volcano {
     memory: Memory,
     sensor: Sensor,
     thermostat: Thermostat,
-    outputs: Outputs,
     room: Room,
-    /// When the schedule is looked at next, in running microseconds: its periods start and stop at quarters of an hour.
-    schedule_us: i64,
+    /// The quarter of an hour that the schedule goes by: its periods start and stop at quarters.
+    quarter: WeekTime,
+    /// When the next quarter begins, in running microseconds.
+    next_quarter_us: i64,
+    status: Status,
 }
+
+/// What the controller shows of itself. It goes to the registers when it changes, so that what somebody forced there
+/// stays until then.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+struct Status {
+    /// The measured temperature; `None` while the sensor in use is broken.
+    reading: Option<i16>,
+    program_state: u16,
+    outputs: Outputs,
+}
+
+impl Status {
+    fn show(&self, regs: &mut Image) {
+        regs.set(ZONE_TEMPERATURE_ACTUAL, self.reading.unwrap_or(BROKEN_SENSOR));
+        regs.set(ZONE_ACTUAL_PROGRAM_STATE, self.program_state);
+        regs.set(STATE_OUTPUT_1, self.outputs.heating);
+        regs.set(STATE_OUTPUT_2, self.outputs.cooling);
+        regs.set(FAN_ACTUAL_POWER_VOLT, self.outputs.fan);
+    }
+}
+
+/// What the register shows while the sensor in use is broken (VOL-40).
+const BROKEN_SENSOR: i16 = i16::MIN;
 
 /// What EEPROM and the clock's battery keep beside registers.
 #[derive(Serialize, Deserialize)]
@@ -86,34 +112,33 @@ impl Volcano {
             memory: Memory::default(),
             sensor: Sensor::new(),
             thermostat: Thermostat::default(),
-            outputs: Outputs::default(),
             room: Room::new(),
-            schedule_us: 0,
+            quarter: WeekTime::default(),
+            next_quarter_us: 0,
+            status: Status::default(),
         }
     }
 
-    /// Looks at the schedule and finds out when to look again.
-    fn follow_schedule(&mut self, at_us: i64, cx: &mut Cx) {
-        let civil = civil_plus_us(cx.now.civil, at_us - cx.now.running_us);
-        let week_time = self.clock.week_time(civil);
-        self.schedule_us = at_us + week_time.quarter_ends_in_us;
-        cx.regs.set(ZONE_ACTUAL_PROGRAM_STATE, schedule::program_state(cx.regs, week_time));
+    /// Looks at the clock for the schedule, and finds out when to look again.
+    fn look_at_clock(&mut self, at_us: i64, now: Moment) {
+        self.quarter = self.clock.week_time(civil_plus_us(now.civil, at_us - now.running_us));
+        self.next_quarter_us = at_us + self.quarter.quarter_ends_in_us;
     }
 
-    /// Looks at the room; gives whether the reading is another one than the register shows.
-    fn measure(&mut self, at_us: i64, cx: &mut Cx) -> bool {
-        self.sensor.measure(cx.world);
-        self.sensor.schedule(at_us, cx.regs);
-        Sensor::shown(self.sensor.reading(cx.world, cx.regs)) != cx.regs.get(ZONE_TEMPERATURE_ACTUAL)
+    /// What follows from what is measured and set now.
+    fn judge(&mut self, world: &World, regs: &Image) -> Status {
+        let reading = self.sensor.reading(world, regs);
+        let program_state = program_state(regs, self.quarter);
+        Status { reading, program_state, outputs: self.thermostat.judge(reading, program_state, regs) }
     }
 
-    /// Drives the outputs by what is measured and set now.
+    /// Drives outputs and registers by what is measured and set now. Doing it twice is doing it once.
     fn control(&mut self, cx: &mut Cx) {
-        let reading = self.sensor.reading(cx.world, cx.regs);
-        Sensor::show(reading, cx.world, cx.regs);
-        let program_state = cx.regs.get(ZONE_ACTUAL_PROGRAM_STATE);
-        self.outputs = self.thermostat.judge(reading, program_state, cx.regs);
-        self.outputs.show(cx.regs);
+        let status = self.judge(cx.world, cx.regs);
+        if status != self.status {
+            self.status = status;
+            status.show(cx.regs);
+        }
     }
 
     /// Puts everything that the manual's table 27 names to its factory value: all that EEPROM keeps (VOL-47).
@@ -157,31 +182,38 @@ impl Device for Volcano {
         self.sensor.measure(cx.world);
         self.sensor.schedule(now_us, cx.regs);
         self.thermostat = Thermostat::default();
-        self.follow_schedule(now_us, cx);
-        self.control(cx);
+        self.look_at_clock(now_us, cx.now);
+        self.status = self.judge(cx.world, cx.regs);
+        self.status.show(cx.regs);
+        sensor::show(cx.world, cx.regs);
         self.clock.show(cx.now.civil, cx.regs);
     }
 
     fn power_off(&mut self, cx: &mut Cx) {
-        self.outputs = Outputs::default();
-        self.outputs.show(cx.regs);
+        self.status.outputs = Outputs::default();
+        self.status.show(cx.regs);
     }
 
     fn advance(&mut self, cx: &mut Cx) {
+        // Registers may have been forced since the last call, which was at that very moment.
+        self.control(cx);
         loop {
-            let at_us = self.room.next_us.min(self.sensor.next_us).min(self.schedule_us);
+            let at_us = self.room.next_us.min(self.sensor.next_us).min(self.next_quarter_us);
             if at_us > cx.now.running_us {
                 break;
             }
             if at_us == self.room.next_us {
-                self.room.step(self.outputs, cx.world);
+                self.room.step(self.status.outputs, cx.world);
             }
-            let is_measured = at_us == self.sensor.next_us && self.measure(at_us, cx);
-            let is_rescheduled = at_us == self.schedule_us;
-            if is_rescheduled {
-                self.follow_schedule(at_us, cx);
+            if at_us == self.sensor.next_us {
+                self.sensor.measure(cx.world);
+                self.sensor.schedule(at_us, cx.regs);
             }
-            if is_measured || is_rescheduled {
+            let is_quarter = at_us == self.next_quarter_us;
+            if is_quarter {
+                self.look_at_clock(at_us, cx.now);
+            }
+            if is_quarter || self.sensor.reading(cx.world, cx.regs) != self.status.reading {
                 self.control(cx);
             }
         }
@@ -189,10 +221,11 @@ impl Device for Volcano {
     }
 
     fn clock_jumped(&mut self, _by_us: i64, cx: &mut Cx) {
-        self.schedule_us = cx.now.running_us;
+        self.look_at_clock(cx.now.running_us, cx.now);
     }
 
     fn input_changed(&mut self, cx: &mut Cx) {
+        sensor::show(cx.world, cx.regs);
         self.control(cx);
     }
 
@@ -211,7 +244,7 @@ impl Device for Volcano {
         if change.sent(GO_TO_DEFAULT) == Some(true) {
             return self.go_to_default(cx);
         }
-        self.follow_schedule(cx.now.running_us, cx);
+        self.look_at_clock(cx.now.running_us, cx.now);
         self.control(cx);
         self.clock.show(cx.now.civil, cx.regs);
     }

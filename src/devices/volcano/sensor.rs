@@ -5,9 +5,6 @@ use super::units::Unit;
 use crate::image::Image;
 use crate::world::World;
 
-/// What the register shows while the sensor in use is broken.
-const BROKEN: i16 = i16::MIN;
-
 /// The measurement: both sensors hang in the same room, so what is kept is the room's temperature when it was last
 /// looked at, and whether the sensor in use is sound is seen at once.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -46,20 +43,14 @@ impl Sensor {
     pub fn reading(&self, world: &World, regs: &Image) -> Option<i16> {
         let celsius = self.sample.filter(|_| is_sound(world))?;
         let hundredths = Unit::of(regs).hundredths(celsius) + i32::from(regs.get(NTC_1_CORRECT));
-        Some(hundredths.clamp(i32::from(BROKEN) + 1, i32::from(i16::MAX)) as i16)
+        Some(hundredths.clamp(i32::from(i16::MIN) + 1, i32::from(i16::MAX)) as i16)
     }
+}
 
-    /// The register's number for a reading.
-    pub fn shown(reading: Option<i16>) -> i16 {
-        reading.unwrap_or(BROKEN)
-    }
-
-    /// Puts a reading and the sensors' state into the registers.
-    pub fn show(reading: Option<i16>, world: &World, regs: &mut Image) {
-        regs.set(ZONE_TEMPERATURE_ACTUAL, Self::shown(reading));
-        regs.set(NTC_1_ACTIVE, !world.flag(NTC_1_FAULT));
-        regs.set(NTC_2_ACTIVE, world.flag(NTC_2_CONNECTED) && !world.flag(NTC_2_FAULT));
-    }
+/// Puts the state of each sensor into the registers.
+pub fn show(world: &World, regs: &mut Image) {
+    regs.set(NTC_1_ACTIVE, !world.flag(NTC_1_FAULT));
+    regs.set(NTC_2_ACTIVE, world.flag(NTC_2_CONNECTED) && !world.flag(NTC_2_FAULT));
 }
 
 /// Whether the sensor in use is sound: an external one that is connected is the one in use.

@@ -18,15 +18,6 @@ pub struct Outputs {
     pub fan: u16,
 }
 
-impl Outputs {
-    /// Puts them into the registers.
-    pub fn show(&self, regs: &mut Image) {
-        regs.set(STATE_OUTPUT_1, self.heating);
-        regs.set(STATE_OUTPUT_2, self.cooling);
-        regs.set(FAN_ACTUAL_POWER_VOLT, self.fan);
-    }
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Mode {
     Cooling,
