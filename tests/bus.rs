@@ -211,6 +211,25 @@ fn bus_19_an_image_brings_a_device_back() {
 }
 
 #[test]
+fn bus_14_an_image_that_differs_wins_and_the_log_says_so() {
+    let mut bench = trc().start();
+    let untouched = bench.saved("");
+    assert_eq!(bench.write(4, 0, 9), 0);
+    let saved = bench.saved("");
+    let mut again = trc().start_with(&[Some(saved)]);
+    assert_eq!(again.ask(&READ_TWO), None);
+    assert!(again.ask(&[9, 3, 0, 5, 0, 2]).is_some());
+    assert!(
+        matches!(&again.notes[..], [note] if note.contains("unit 9") && note.contains("BUS-14")),
+        "{:?}",
+        again.notes
+    );
+    let mut same = trc().start_with(&[Some(untouched)]);
+    assert!(same.ask(&READ_TWO).is_some());
+    assert!(same.notes.is_empty());
+}
+
+#[test]
 fn bus_20_an_image_with_a_foreign_or_missing_register_is_no_image() {
     let saved = trc().start().saved("");
     let mut foreign = saved.clone();

@@ -92,6 +92,7 @@ impl Segment {
             lived_at: Instant(0),
             scratch: Vec::with_capacity(256),
         };
+        segment.collect_notes();
         segment.route();
         segment
     }

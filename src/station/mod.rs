@@ -116,13 +116,27 @@ impl Station {
             None => kind.profile.line.lay(address, &mut station.live.regs),
         }
         let now = clock.at(Instant(0));
-        if station.is_supplied() {
-            station.start(now);
+        station.start(now);
+        match saved {
+            Some(_) => station.note_what_the_image_wins(),
+            None => station.lay_start_values(&registers, now)?,
         }
-        if saved.is_none() {
-            station.lay_start_values(&registers, now)?;
-        }
+        // A device whose supply is off from the start has taken its start values all the same.
+        station.settle_supply(now);
         Ok(station)
+    }
+
+    /// Where image and devices.toml differ, the image wins, and the log says so (BUS-14).
+    fn note_what_the_image_wins(&mut self) {
+        let (now, configured) = (self.address(), self.configured);
+        if now != configured && self.kind.profile.line.missing(configured.line).is_empty() {
+            let (unit, line) = (now.unit, now.line);
+            let text = format!(
+                "its memory says unit {unit}, {line}; devices.toml says unit {}, {}: the memory wins (BUS-14)",
+                configured.unit, configured.line
+            );
+            self.effects.notes.push(text);
+        }
     }
 
     fn lay_start_values(&mut self, registers: &[(String, i64)], now: Moment) -> Result<(), Vec<String>> {
