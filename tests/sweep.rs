@@ -54,7 +54,6 @@ struct Sweep {
     table: Table,
     bench: Bench,
     start: Live,
-    asked: usize,
     /// Writes that the table allows, and how many of them the device took.
     allowed: (usize, usize),
 }
@@ -64,7 +63,7 @@ impl Sweep {
         // Simulated time stands still, so that registers change by writes alone.
         let bench = Plan::of(kind.name, UNIT).clock("2014-10-27T14:22:08", 0.0).start();
         let start = bench.bus.stations()[0].live();
-        Self { table: Table::of(kind), bench, start, asked: 0, allowed: (0, 0) }
+        Self { table: Table::of(kind), bench, start, allowed: (0, 0) }
     }
 
     fn image(&self) -> &Image {
@@ -92,7 +91,6 @@ impl Sweep {
             let (clock, start) = (self.bench.bus.clock().clone(), self.start.clone());
             self.bench.bus.restore(clock, vec![start]);
         }
-        self.asked += 1;
         if let Wanted::UnlessRefused(_) = wanted {
             self.allowed.0 += 1;
             self.allowed.1 += usize::from(!is_exception);
@@ -310,10 +308,10 @@ fn noise(dice: &mut Dice) -> Vec<u8> {
 
 #[test]
 fn bus_5_after_any_noise_a_good_request_is_answered() {
-    for seed in 0..400 {
+    for seed in 0..120 {
         let mut dice = Dice(seed);
         let mut bench = everybody(&mut dice).start();
-        for _ in 0..3 {
+        for _ in 0..10 {
             bench.send(&noise(&mut dice));
             // The silence that ends it.
             bench.wait_ms(30);
@@ -376,12 +374,12 @@ fn shown(bench: &mut Bench) -> Vec<(Image, World, u32)> {
 #[test]
 fn bus_18_the_same_script_gives_the_same_bytes() {
     let mut replies = 0;
-    for seed in 0..60 {
+    for seed in 0..24 {
         let play = || {
             let mut dice = Dice(1000 + seed);
             let mut bench = everybody(&mut dice).clock("2014-10-25T22:00:00", dice.of(&[1.0, 60.0, 3600.0])).start();
             let mut heard = Vec::new();
-            for _ in 0..60 {
+            for _ in 0..100 {
                 happen(&mut bench, &mut dice);
                 heard.push((bench.hear_within(200), bench.now));
             }
@@ -391,7 +389,7 @@ fn bus_18_the_same_script_gives_the_same_bytes() {
         assert!(first == second, "script {seed} went another way the second time");
         replies += first.0.iter().filter(|heard| heard.0.is_some()).count();
     }
-    assert!(replies > 600, "of 3600 happenings {replies} were answered");
+    assert!(replies > 480, "of 2400 happenings {replies} were answered");
 }
 
 #[test]

@@ -60,11 +60,11 @@ impl Table {
         span.into_iter().all(|addr| u16::try_from(addr).is_ok_and(|addr| self.words.contains_key(&(bank, addr))))
     }
 
-    /// The addresses of a bank, those beside them, and those far out.
+    /// The low addresses and those of a bank, those beside them, and those far out.
     pub fn addresses(&self, bank: Bank) -> BTreeSet<u16> {
         let mine = self.words.keys().filter(|key| key.0 == bank).map(|key| key.1);
         let around = mine.flat_map(|addr| [addr.saturating_sub(1), addr, addr.saturating_add(1)]);
-        around.chain([0, 1, 0x7FFF, 0x8000, 0xFFFE, 0xFFFF]).collect()
+        around.chain(0..=0x1FF).chain([0x7FFF, 0x8000, 0xFFFE, 0xFFFF]).collect()
     }
 
     /// What the order of BUS-8 makes of a request's function and data.
