@@ -9,6 +9,7 @@ pub mod config;
 pub mod device;
 pub mod devices;
 pub mod export;
+pub mod faults;
 pub mod image;
 pub mod line;
 pub mod map;

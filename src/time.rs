@@ -93,6 +93,11 @@ impl SimClock {
         Self { anchor, rate: rate.clamp(0.0, Self::RATE_MAX) }
     }
 
+    /// A clock that shows the readings of `anchor` at its elapsed time, and runs on from there.
+    pub fn anchored(anchor: Moment, rate: f64) -> Self {
+        Self { anchor, rate: rate.clamp(0.0, Self::RATE_MAX) }
+    }
+
     /// Simulated seconds a real second; 0 stands still.
     pub fn rate(&self) -> f64 {
         self.rate

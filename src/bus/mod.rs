@@ -4,15 +4,22 @@
 //! A bus has *doors*: a pty, a serial port, a TCP connection. All see one bus; a reply leaves by the door that its
 //! request came in by.
 
+mod exchange;
+mod hand;
+mod journal;
+mod reply;
 mod segment;
+mod watch;
 
 use std::collections::{HashSet, VecDeque};
+use std::sync::Arc;
 
-use chrono::NaiveDateTime;
-
+pub use self::exchange::{Counters, Event, Exchange, Form};
+pub use self::hand::Snapshot;
+pub use self::journal::{Journal, RECORDS_MAX, REPLY_BOUNDS_US, Record, ReplyTimes, Subject, Tally, outcome_name};
 use self::segment::{Heard, Route, Segment};
 use crate::line::Line;
-use crate::station::{self, Outcome, Saved, Station};
+use crate::station::{Saved, Station};
 use crate::time::{Instant, Moment, SimClock};
 use crate::wire::{Frame, Framer};
 
@@ -100,7 +107,7 @@ struct Queued {
 pub const QUEUE_MAX: usize = 64;
 
 /// What the bus wants the shell to do, in this order.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub enum Output {
     /// Write this image before anything else is sent; if that fails, say so with [`Bus::keep_failed`] (BUS-19).
     Persist {
@@ -119,59 +126,11 @@ pub enum Output {
         bytes: Vec<u8>,
     },
     /// A request came to its end; only while the bus is observed.
-    Exchange(Box<Exchange>),
+    Exchange(Arc<Exchange>),
+    /// Something else happened; only while the bus is watched.
+    Event(Event),
     /// A line for the log.
     Note(String),
-}
-
-/// A request and what became of it: what traces, journals and metrics are made of.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Exchange {
-    /// When its last byte was there.
-    pub at: Moment,
-    /// Microseconds from then until the reply left; 0 without a reply.
-    pub reply_us: u64,
-    /// The unit that was addressed; 0 is a broadcast.
-    pub unit: u8,
-    /// Index of the station that it reached.
-    pub station: Option<usize>,
-    /// In what form it came.
-    pub form: Form,
-    /// Unit, function and data of the request; all bytes of what is no frame.
-    pub request: Vec<u8>,
-    /// Unit, function and data of the reply; empty without one.
-    pub reply: Vec<u8>,
-    /// What became of it.
-    pub outcome: Outcome,
-}
-
-/// In what form a request came.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Form {
-    /// A frame with a CRC.
-    Rtu,
-    /// A transaction of Modbus TCP.
-    Tcp {
-        /// Its number.
-        transaction: u16,
-    },
-    /// Bytes that silence ended and that are no frame.
-    Damaged,
-}
-
-/// What a bus has counted since its start.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Counters {
-    /// Frames with a good CRC, other units' included.
-    pub frames: u64,
-    /// Replies without exceptions.
-    pub replies: u64,
-    /// Exceptions.
-    pub exceptions: u64,
-    /// Runs of bytes that silence ended and that were no frame.
-    pub bad_frames: u64,
-    /// Bytes of those.
-    pub dropped_bytes: u64,
 }
 
 /// A line with its stations.
@@ -213,12 +172,12 @@ impl Bus {
 
     /// The readings of its clock.
     pub fn moment(&self, now: Instant) -> Moment {
-        self.segment.clock.at(now)
+        Moment { elapsed: now, ..self.segment.clock.at(self.segment.inner(now)) }
     }
 
     /// Its clock's rate.
     pub fn rate(&self) -> f64 {
-        self.segment.clock.rate()
+        self.segment.held_rate.unwrap_or(self.segment.clock.rate())
     }
 
     /// From now on every request's course is handed out, or not.
@@ -240,7 +199,7 @@ impl Bus {
             id,
             kind,
             framer: Framer::default(),
-            heard_at: now,
+            heard_at: self.segment.inner(now),
             seen: None,
             warned: HashSet::new(),
             requests: VecDeque::new(),
@@ -283,7 +242,7 @@ impl Bus {
 
     /// Takes bytes that came in by a door.
     pub fn receive(&mut self, now: Instant, door: DoorId, bytes: &[u8]) {
-        self.segment.now = self.segment.now.max(now);
+        self.segment.set_now(now);
         let (now, timeout_us) = (self.segment.now, self.settings.frame_timeout_us());
         let Some(index) = self.doors.iter().position(|other| other.id == door) else { return };
         let door = &mut self.doors[index];
@@ -306,6 +265,7 @@ impl Bus {
     /// The bytes handed in last by a door may have come as late as `now`, because the shell was late to look: the
     /// silence behind them is counted from then, so that no delay of the program passes for one (BUS-5).
     pub fn heard_until(&mut self, now: Instant, door: DoorId) {
+        let now = self.segment.inner(now);
         if let Some(door) = self.door(door) {
             door.heard_at = door.heard_at.max(now);
         }
@@ -330,7 +290,7 @@ impl Bus {
 
     /// Takes a request of Modbus TCP.
     pub fn receive_pdu(&mut self, now: Instant, door: DoorId, transaction: u16, unit: u8, pdu: &[u8]) {
-        self.segment.now = self.segment.now.max(now);
+        self.segment.set_now(now);
         let Some(door) = self.door(door) else { return };
         if door.requests.len() < QUEUE_MAX {
             door.requests.push_back(Queued { transaction: Some(transaction), unit, pdu: pdu.to_vec() });
@@ -339,13 +299,25 @@ impl Bus {
 
     /// What is to be done now; `None` when all is done until [`Bus::wake_at`].
     pub fn poll(&mut self, now: Instant) -> Option<Output> {
-        self.segment.now = self.segment.now.max(now);
+        self.segment.set_now(now);
         loop {
             let segment = &mut self.segment;
             if let Some(output) = segment.outputs.pop_front() {
-                return Some(output);
+                // The reply is on its way: what is done about it now keeps nobody waiting.
+                match (&output, &mut segment.journal) {
+                    (Output::Exchange(exchange), Some(journal)) => journal.push(exchange.clone()),
+                    _ => return Some(output),
+                }
+                match segment.is_observed || segment.watch.is_some() {
+                    true => return Some(output),
+                    false => continue,
+                }
             }
             segment.undo.clear();
+            if !segment.faults.is_empty() && self.make_noise() {
+                continue;
+            }
+            let segment = &mut self.segment;
             if let Some(reply) = segment.replies.front() {
                 if reply.due > segment.now {
                     return None;
@@ -355,7 +327,10 @@ impl Bus {
             }
             if !self.next_request() {
                 self.segment.housekeep();
-                return self.segment.outputs.pop_front();
+                self.segment.look();
+                if self.segment.outputs.is_empty() {
+                    return None;
+                }
             }
         }
     }
@@ -405,86 +380,39 @@ impl Bus {
         self.segment.keep_failed(station, reason);
     }
 
+    /// Lets noise that is due onto every door but those of Modbus TCP.
+    fn make_noise(&mut self) -> bool {
+        let segment = &mut self.segment;
+        let Some((hit, bytes)) = segment.faults.noise(segment.now) else { return false };
+        for door in self.doors.iter().filter(|door| door.kind != DoorKind::Tcp) {
+            segment.outputs.push_back(Output::Transmit { door: door.id, transaction: None, bytes: bytes.clone() });
+        }
+        segment.tell_noise(hit, bytes);
+        true
+    }
+
     /// When [`Bus::poll`] has something to do next, if nothing comes in.
     pub fn wake_at(&self) -> Option<Instant> {
         let segment = &self.segment;
         if !segment.outputs.is_empty() {
-            return Some(segment.now);
+            return Some(segment.outer(segment.now));
         }
+        let noise = segment.faults.noise_at();
         if let Some(reply) = segment.replies.front() {
-            return Some(reply.due);
+            return [Some(reply.due), noise].into_iter().flatten().min().map(|at| segment.outer(at));
         }
         let timeout_us = self.settings.frame_timeout_us();
         let silences = self.doors.iter().filter(|door| door.framer.is_waiting());
         let silences = silences.map(|door| door.heard_at.plus_us(timeout_us));
         let deadlines = segment.stations.iter().filter_map(Station::deadline);
-        silences.chain(deadlines).chain(segment.housekeeping_at()).min()
+        let wake_at = silences.chain(deadlines).chain(segment.housekeeping_at()).chain(noise).min();
+        wake_at.map(|at| segment.outer(at))
     }
 
     /// Hands out the images of all stations, for the end of the program.
     pub fn save_all(&mut self, now: Instant) {
-        self.segment.live_to(now);
+        self.segment.set_now(now);
+        self.segment.live_to(self.segment.now);
         self.segment.persist_all();
-    }
-
-    /// Lets a station be changed at `now`: it has lived up to it, and what the change leaves is handed out after it.
-    pub fn with_station<R>(&mut self, now: Instant, index: usize, act: impl FnOnce(&mut Station, Moment) -> R) -> R {
-        self.segment.live_to(now);
-        let moment = self.segment.clock.at(self.segment.now);
-        let result = act(&mut self.segment.stations[index], moment);
-        self.segment.persist_changed();
-        self.segment.route();
-        result
-    }
-
-    /// Lives up to `now` without waiting for a request: for what looks at the stations.
-    pub fn live_to(&mut self, now: Instant) {
-        self.segment.live_to(now);
-    }
-
-    /// From `now` on the clock runs at `rate` simulated seconds a real second.
-    pub fn set_rate(&mut self, now: Instant, rate: f64) {
-        self.segment.live_to(now);
-        self.segment.clock.set_rate(self.segment.now, rate);
-    }
-
-    /// Lets simulated time pass at once; everything in between happens, in order.
-    pub fn advance_clock(&mut self, now: Instant, us: i64) {
-        self.segment.live_to(now);
-        self.segment.clock.advance(self.segment.now, us);
-        self.segment.live_to(now);
-    }
-
-    /// Moves the civil clock; nothing happens in between.
-    pub fn jump_clock(&mut self, now: Instant, civil: NaiveDateTime) {
-        self.segment.live_to(now);
-        let segment = &mut self.segment;
-        let before = segment.clock.at(segment.now);
-        segment.clock.jump(segment.now, civil);
-        let after = segment.clock.at(segment.now);
-        let by_us = crate::time::civil_difference_us(after.civil, before.civil);
-        for station in &mut segment.stations {
-            station.clock_jumped(by_us, after);
-        }
-        segment.persist_changed();
-        segment.route();
-    }
-
-    /// The clock as it is, for a snapshot.
-    pub fn clock(&self) -> &SimClock {
-        &self.segment.clock
-    }
-
-    /// Puts back stations and clock of a snapshot; what was being answered is forgotten.
-    pub fn restore(&mut self, clock: SimClock, lives: Vec<station::Live>) {
-        let segment = &mut self.segment;
-        segment.clock = clock;
-        segment.replies.clear();
-        segment.undo.clear();
-        for (station, live) in segment.stations.iter_mut().zip(lives) {
-            station.restore(live);
-        }
-        segment.persist_all();
-        segment.route();
     }
 }

@@ -2,17 +2,20 @@
 
 use std::collections::{HashMap, HashSet, VecDeque};
 
-use super::{Counters, DoorId, DoorKind, Exchange, Form, LineCheck, Output, Settings, Timing};
+use super::journal::Journal;
+use super::reply::Reply;
+use super::watch::Watch;
+use super::{Counters, DoorId, DoorKind, LineCheck, Output, Settings};
 use crate::device::Refusal;
-use crate::line::Line;
+use crate::faults::{Asked, Faults, Hit, Verdict};
 use crate::station::{self, Outcome, Station};
-use crate::time::{Instant, SimClock};
-use crate::wire::{Exception, FRAME_MAX, Request, append_crc, crc16};
+use crate::time::{Instant, Moment, SimClock};
+use crate::wire::{Exception, Request};
 
 /// All of the bus but the doors.
 #[derive(Debug)]
 pub(super) struct Segment {
-    settings: Settings,
+    pub(super) settings: Settings,
     pub(super) clock: SimClock,
     pub(super) now: Instant,
     pub(super) stations: Vec<Station>,
@@ -27,11 +30,21 @@ pub(super) struct Segment {
     unkept: HashSet<usize>,
     pub(super) counters: Counters,
     pub(super) is_observed: bool,
+    pub(super) journal: Option<Journal>,
+    pub(super) watch: Option<Watch>,
+    pub(super) faults: Faults,
+    /// The last reply of each station, as it would have left without faults.
+    pub(super) last_replies: Vec<Vec<u8>>,
+    /// How much younger the stations are than the program, in microseconds: a restored snapshot takes them back to its
+    /// own elapsed time, so that their protocol delays end as they would have.
+    pub(super) skew_us: u64,
+    /// The rate that the clock will have again when it is held no longer.
+    pub(super) held_rate: Option<f64>,
     pub(super) is_durable: bool,
-    saved_at: Instant,
-    lived_at: Instant,
+    pub(super) saved_at: Instant,
+    pub(super) lived_at: Instant,
     /// A buffer that replies are made in.
-    scratch: Vec<u8>,
+    pub(super) scratch: Vec<u8>,
 }
 
 /// A frame with a good CRC, and who sent it.
@@ -46,6 +59,31 @@ pub(super) struct Heard<'a> {
     pub(super) pdu: &'a [u8],
 }
 
+impl Heard<'_> {
+    /// Unit, function and data.
+    pub(super) fn frame(&self) -> Vec<u8> {
+        [&[self.unit], self.pdu].concat()
+    }
+
+    /// The request as faults see it; `frame` is [`Heard::frame`].
+    pub(super) fn asked<'a>(
+        &self,
+        now: Instant,
+        station: Option<usize>,
+        request: &Request,
+        frame: &'a [u8],
+    ) -> Asked<'a> {
+        let span = match *request {
+            Request::Read { bank, start, quantity } | Request::WriteMultiple { bank, start, quantity, .. } => {
+                Some((bank, start, quantity))
+            }
+            Request::WriteSingle { bank, addr, .. } => Some((bank, addr, 1)),
+            Request::Other { .. } => None,
+        };
+        Asked { now, station, function: request.function(), span, request: frame, has_crc: self.transaction.is_none() }
+    }
+}
+
 /// Who answers a unit.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) enum Route {
@@ -53,17 +91,6 @@ pub(super) enum Route {
     Nobody,
     One(usize),
     Several,
-}
-
-/// A reply that has not left yet.
-#[derive(Debug)]
-pub(super) struct Reply {
-    pub(super) due: Instant,
-    pub(super) door: DoorId,
-    transaction: Option<u16>,
-    bytes: Vec<u8>,
-    heard: Instant,
-    exchange: Option<Box<Exchange>>,
 }
 
 /// How often moving things that EEPROM keeps are saved when no write does it.
@@ -77,6 +104,12 @@ impl Segment {
         let mut segment = Self {
             settings,
             clock,
+            journal: None,
+            watch: None,
+            faults: Faults::default(),
+            last_replies: vec![Vec::new(); stations.len()],
+            skew_us: 0,
+            held_rate: None,
             now: Instant(0),
             stations,
             routes: Box::new([Route::Nobody; 256]),
@@ -97,6 +130,27 @@ impl Segment {
         segment
     }
 
+    /// An elapsed time of the program as the stations count it.
+    pub(super) fn inner(&self, now: Instant) -> Instant {
+        Instant(now.0.saturating_sub(self.skew_us))
+    }
+
+    /// An elapsed time of the stations as the program counts it.
+    pub(super) fn outer(&self, now: Instant) -> Instant {
+        now.plus_us(self.skew_us)
+    }
+
+    /// It is `now` of the program.
+    pub(super) fn set_now(&mut self, now: Instant) {
+        self.now = self.now.max(self.inner(now));
+    }
+
+    /// All readings for those who look from outside.
+    pub(super) fn moment(&self) -> Moment {
+        Moment { elapsed: self.outer(self.now), ..self.clock.at(self.now) }
+    }
+
+    /// Lives up to `now`, as the stations count it.
     pub(super) fn live_to(&mut self, now: Instant) {
         self.now = self.now.max(now);
         self.lived_at = self.now;
@@ -192,6 +246,9 @@ impl Segment {
     /// Takes a frame with a good CRC.
     pub(super) fn hear(&mut self, heard: Heard) {
         self.counters.frames += 1;
+        if let Some(hit) = self.offline() {
+            return self.report(&heard, None, Outcome::Silence("the bus is offline"), vec![hit]);
+        }
         if self.is_waking {
             self.live_to(self.now);
         }
@@ -200,40 +257,61 @@ impl Segment {
         }
         match self.routes[usize::from(heard.unit)] {
             Route::Nobody => {
-                let reason = match self.stations.iter().any(|station| station.address().unit == heard.unit) {
-                    true => "the device is off or restarting",
-                    false => "no device here has this unit (BUS-2)",
+                let dark = self.stations.iter().position(|station| station.address().unit == heard.unit);
+                let reason = match dark {
+                    Some(_) => "the device is off or restarting",
+                    None => "no device here has this unit (BUS-2)",
                 };
-                self.report(&heard, None, Outcome::Silence(reason));
+                self.report(&heard, dark, Outcome::Silence(reason), Vec::new());
             }
             Route::One(index) => self.ask(heard, index),
             Route::Several => {
                 let unit = heard.unit;
                 let reason = Outcome::Silence("several devices have this unit, their replies collide (BUS-15)");
-                self.report(&heard, None, reason);
-                self.carry_out(heard, |station| station.address().unit == unit);
+                self.report(&heard, None, reason, Vec::new());
+                self.carry_out(heard, |_, station| station.address().unit == unit);
             }
         }
     }
 
+    /// The fault that keeps this off the bus.
+    pub(super) fn offline(&mut self) -> Option<Hit> {
+        if self.faults.is_empty() { None } else { self.faults.offline(self.now) }
+    }
+
     /// Every device that supports the function carries a write out, and nobody answers (BUS-3).
     fn broadcast(&mut self, heard: Heard) {
-        let is_write = Request::parse(heard.pdu).is_some_and(|request| !request.is_read());
+        let request = Request::parse(heard.pdu);
+        let is_write = request.is_some_and(|request| !request.is_read());
+        let (mut hits, mut deaf) = (Vec::new(), Vec::new());
+        if let (Some(request), false) = (request, self.faults.is_empty()) {
+            let frame = heard.frame();
+            if let Verdict::Lost(reason) =
+                self.faults.intercept(&heard.asked(self.now, None, &request, &frame), &mut hits)
+            {
+                return self.report(&heard, None, Outcome::Silence(reason), hits);
+            }
+            let faults = &mut self.faults;
+            deaf.extend(
+                (0..self.stations.len())
+                    .filter(|index| faults.deafens(&heard.asked(self.now, Some(*index), &request, &frame), &mut hits)),
+            );
+        }
         let reason =
             if is_write { "a broadcast is not answered (BUS-3)" } else { "a broadcast read does nothing (BUS-3)" };
-        self.report(&heard, None, Outcome::Silence(reason));
+        self.report(&heard, None, Outcome::Silence(reason), hits);
         if is_write {
-            self.carry_out(heard, |_| true);
+            self.carry_out(heard, |index, _| !deaf.contains(&index));
         }
     }
 
     /// Lets the listening stations of a choice carry out a request without an answer.
-    fn carry_out(&mut self, heard: Heard, chosen: impl Fn(&Station) -> bool) {
+    fn carry_out(&mut self, heard: Heard, chosen: impl Fn(usize, &Station) -> bool) {
         let Some(request) = Request::parse(heard.pdu) else { return };
         for index in 0..self.stations.len() {
             self.stations[index].advance(&self.clock, self.now);
             let station = &self.stations[index];
-            if station.is_listening() && chosen(station) && self.is_heard(index, heard.seen, heard.warned) {
+            if station.is_listening() && chosen(index, station) && self.is_heard(index, heard.seen, heard.warned) {
                 self.respond(index, &request);
                 self.stations[index].settle_restart(self.now);
             }
@@ -245,36 +323,37 @@ impl Segment {
     fn ask(&mut self, heard: Heard, index: usize) {
         self.stations[index].advance(&self.clock, self.now);
         if !self.stations[index].is_listening() {
-            return self.report(&heard, Some(index), Outcome::Silence("the device is off or restarting"));
+            let reason = Outcome::Silence("the device is off or restarting");
+            return self.report(&heard, Some(index), reason, Vec::new());
         }
         if !self.is_heard(index, heard.seen, heard.warned) {
             let reason = "the client's baud rate is not the device's (BUS-16)";
-            return self.report(&heard, Some(index), Outcome::Silence(reason));
+            return self.report(&heard, Some(index), Outcome::Silence(reason), Vec::new());
         }
         let Some(request) = Request::parse(heard.pdu) else {
             let reason = "the body has the wrong length for its function (BUS-12)";
-            return self.report(&heard, Some(index), Outcome::Silence(reason));
+            return self.report(&heard, Some(index), Outcome::Silence(reason), Vec::new());
         };
+        let (mut hits, mut verdict) = (Vec::new(), Verdict::Through);
+        if !self.faults.is_empty() {
+            let frame = heard.frame();
+            verdict = self.faults.intercept(&heard.asked(self.now, Some(index), &request, &frame), &mut hits);
+        }
         let line = self.stations[index].address().line;
         self.scratch.clear();
         self.scratch.push(heard.unit);
-        let outcome = self.respond(index, &request);
+        let outcome = match verdict {
+            Verdict::Lost(reason) => Outcome::Silence(reason),
+            Verdict::Through => self.respond(index, &request),
+            Verdict::Refused(code) => {
+                self.scratch.extend([request.function() | 0x80, code]);
+                Outcome::Exception(Refusal::new(Exception::DeviceFailure, "a fault answers this exception", "fault"))
+            }
+        };
         if let Outcome::Silence(_) = outcome {
-            self.report(&heard, Some(index), outcome);
+            self.report(&heard, Some(index), outcome, hits);
         } else {
-            let delay_us = self.delay_us(index, &line, heard.kind, heard.pdu.len() + 3, self.scratch.len() + 2);
-            let exchange = self.is_observed.then(|| Box::new(self.exchange(&heard, Some(index), outcome.clone())));
-            let mut bytes = self.scratch.clone();
-            if heard.transaction.is_none() {
-                append_crc(&mut bytes);
-            }
-            match outcome {
-                Outcome::Exception(_) => self.counters.exceptions += 1,
-                _ => self.counters.replies += 1,
-            }
-            let (door, transaction) = (heard.door, heard.transaction);
-            let due = self.now.plus_us(delay_us);
-            self.replies.push_back(Reply { due, door, transaction, bytes, heard: self.now, exchange });
+            let due = self.reply(&heard, (index, &line), &request, outcome, hits);
             self.stations[index].settle_restart(due);
         }
         if !request.is_read() || !self.stations[index].is_listening() {
@@ -322,107 +401,6 @@ impl Segment {
         !enforced || baud == line.baud
     }
 
-    /// From a request's last byte to its reply (BUS-17).
-    fn delay_us(&self, index: usize, line: &Line, kind: DoorKind, request: usize, reply: usize) -> u64 {
-        let own_us = self.stations[index].response_delay_ms() * 1000;
-        let characters = match (self.settings.timing, kind) {
-            (Timing::Fast, _) => return own_us,
-            (Timing::Wire, DoorKind::Wire) => 0,
-            (Timing::Wire, DoorKind::Virtual | DoorKind::Tcp) => request + reply,
-        };
-        own_us + line.half_characters_us(2 * characters as u64 + 7)
-    }
-
-    /// Takes bytes that silence ended and that are no frame (BUS-4); `false` when nobody answers them.
-    pub(super) fn damaged(&mut self, door: DoorId, kind: DoorKind, bytes: &[u8]) -> bool {
-        let Route::One(index) = self.routes[usize::from(bytes.first().copied().unwrap_or(0))] else { return false };
-        if bytes.len() < 4 || crc16(bytes) == 0 {
-            return false;
-        }
-        self.stations[index].advance(&self.clock, self.now);
-        if !self.stations[index].answers_crc_errors() {
-            return false;
-        }
-        let frame = vec![bytes[0], bytes[1] | 0x80, Exception::IllegalDataValue as u8];
-        let line = self.stations[index].address().line;
-        let due = self.now.plus_us(self.delay_us(index, &line, kind, 0, frame.len() + 2));
-        let exchange = self.is_observed.then(|| {
-            let refusal = Refusal::new(Exception::IllegalDataValue, "the frame's CRC is wrong", "BUS-4");
-            Box::new(Exchange {
-                at: self.clock.at(self.now),
-                reply_us: 0,
-                unit: bytes[0],
-                station: Some(index),
-                form: Form::Damaged,
-                request: bytes.to_vec(),
-                reply: frame.clone(),
-                outcome: Outcome::Exception(refusal),
-            })
-        });
-        let mut bytes = frame;
-        append_crc(&mut bytes);
-        self.counters.exceptions += 1;
-        self.replies.push_back(Reply { due, door, transaction: None, bytes, heard: self.now, exchange });
-        true
-    }
-
-    /// Reports bytes that silence ended and that nobody answers.
-    pub(super) fn report_damaged(&mut self, bytes: &[u8]) {
-        if !self.is_observed {
-            return;
-        }
-        let reason = match bytes.len() {
-            0..4 => "fewer than four bytes are no frame (BUS-1)",
-            FRAME_MAX.. => "more than 256 bytes without a silence are no frame (BUS-1)",
-            _ if crc16(bytes) == 0 => "the body has the wrong length for its function (BUS-12)",
-            _ => "the CRC is wrong (BUS-4)",
-        };
-        self.outputs.push_back(Output::Exchange(Box::new(Exchange {
-            at: self.clock.at(self.now),
-            reply_us: 0,
-            unit: bytes.first().copied().unwrap_or(0),
-            station: None,
-            form: Form::Damaged,
-            request: bytes.to_vec(),
-            reply: Vec::new(),
-            outcome: Outcome::Silence(reason),
-        })));
-    }
-
-    fn exchange(&self, heard: &Heard, station: Option<usize>, outcome: Outcome) -> Exchange {
-        let is_silent = matches!(outcome, Outcome::Silence(_));
-        let mut request = Vec::with_capacity(heard.pdu.len() + 1);
-        request.push(heard.unit);
-        request.extend(heard.pdu);
-        Exchange {
-            at: self.clock.at(self.now),
-            reply_us: 0,
-            unit: heard.unit,
-            station,
-            form: heard.transaction.map_or(Form::Rtu, |transaction| Form::Tcp { transaction }),
-            request,
-            reply: if is_silent { Vec::new() } else { self.scratch.clone() },
-            outcome,
-        }
-    }
-
-    fn report(&mut self, heard: &Heard, station: Option<usize>, outcome: Outcome) {
-        if self.is_observed {
-            let exchange = self.exchange(heard, station, outcome);
-            self.outputs.push_back(Output::Exchange(Box::new(exchange)));
-        }
-    }
-
-    /// Lets the first waiting reply go.
-    pub(super) fn transmit(&mut self) {
-        let Some(Reply { door, transaction, bytes, heard, exchange, .. }) = self.replies.pop_front() else { return };
-        self.outputs.push_back(Output::Transmit { door, transaction, bytes });
-        self.outputs.extend(exchange.map(|mut exchange| {
-            exchange.reply_us = self.now.since_us(heard);
-            Output::Exchange(exchange)
-        }));
-    }
-
     /// Takes back the write whose image could not be kept, and answers it 04 (BUS-19). What changed without a write stays,
     /// and is tried again later.
     pub(super) fn keep_failed(&mut self, index: usize, reason: &str) {
@@ -433,19 +411,7 @@ impl Segment {
             return;
         };
         self.stations[index].restore(live);
-        let text = format!("the memory cannot be kept: {reason}");
-        for reply in &mut self.replies {
-            let function = reply.bytes[1] & 0x7F;
-            reply.bytes.truncate(1);
-            reply.bytes.extend([function | 0x80, Exception::DeviceFailure as u8]);
-            if let Some(exchange) = &mut reply.exchange {
-                exchange.reply.clone_from(&reply.bytes);
-                exchange.outcome = Outcome::Exception(Refusal::new(Exception::DeviceFailure, text.clone(), "BUS-19"));
-            }
-            if reply.transaction.is_none() {
-                append_crc(&mut reply.bytes);
-            }
-        }
+        self.refuse_replies(&format!("the memory cannot be kept: {reason}"));
         self.route();
     }
 }

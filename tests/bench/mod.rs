@@ -168,7 +168,7 @@ impl Bench {
             match output {
                 Output::Transmit { bytes, .. } => self.heard.push(bytes),
                 Output::Note(note) => self.notes.push(note),
-                Output::Persist { .. } | Output::Exchange(_) => {}
+                Output::Persist { .. } | Output::Exchange(_) | Output::Event(_) => {}
             }
         }
     }
