@@ -84,13 +84,11 @@ fn read_unit(
     problems: &mut Problems,
 ) -> Option<u8> {
     let (min, max) = kind.map_or((1, u8::MAX), |kind| kind.profile.line.units);
-    let Some(unit) = integer(entry.value).and_then(|unit| u8::try_from(unit).ok()) else {
-        return entry.refuse(&format!("a whole number, {min} to {max}"), problems);
-    };
-    if !(min..=max).contains(&unit) {
+    let unit = integer(entry.value).and_then(|unit| u8::try_from(unit).ok());
+    let Some(unit) = unit.filter(|unit| (min..=max).contains(unit)) else {
         let of = kind.map_or(String::new(), |kind| format!(" for {}", kind.name));
-        return entry.refuse(&format!("{min} to {max}{of}"), problems);
-    }
+        return entry.refuse(&format!("a whole number, {min} to {max}{of}"), problems);
+    };
     if unit > UNIT_MAX {
         let message =
             format!("unit {unit} is reserved by Modbus, whose units end at {UNIT_MAX}: many masters refuse it");

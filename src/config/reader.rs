@@ -52,10 +52,11 @@ impl<'a> Problems<'a> {
         if self.errors.len() > ERRORS_WITH_ADVICE {
             return String::new();
         }
-        let likeness = |known: String| (strsim::jaro_winkler(name, &known), known);
-        let mut near: Vec<(f64, String)> = known.into_iter().map(Into::into).map(likeness).collect();
-        near.retain(|(likeness, _)| *likeness >= LIKENESS_MIN);
+        let mut near: Vec<(f64, String)> =
+            known.into_iter().map(Into::into).map(|known| (likeness(name, &known), known)).collect();
         near.sort_by(|(one, name), (other, other_name)| other.total_cmp(one).then_with(|| name.cmp(other_name)));
+        let least = near.first().map_or(LIKENESS_MIN, |(best, _)| LIKENESS_MIN.max(best - LIKENESS_SPREAD));
+        near.retain(|(likeness, _)| *likeness >= least);
         let names: Vec<String> = near.into_iter().take(count).map(|(_, name)| name).collect();
         if names.is_empty() { String::new() } else { format!("; did you mean {}?", names.join(" or ")) }
     }
@@ -89,7 +90,16 @@ impl<'a> Problems<'a> {
 }
 
 /// Names less like than this are no help.
-const LIKENESS_MIN: f64 = 0.6;
+const LIKENESS_MIN: f64 = 0.7;
+
+/// Beside a name that is this much more like, another is no help either.
+const LIKENESS_SPREAD: f64 = 0.08;
+
+/// How much one name is like another, 0 to 1; where one holds the other, much.
+fn likeness(one: &str, other: &str) -> f64 {
+    let holds = one.len().min(other.len()) >= 3 && (one.contains(other) || other.contains(one));
+    strsim::jaro_winkler(one, other).max(if holds { 0.9 } else { 0.0 })
+}
 
 const BYTE_ORDER_MARK: char = '\u{feff}';
 

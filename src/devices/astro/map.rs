@@ -195,7 +195,7 @@ registers! { PROGRAMS at holding(0x0080);
     /// The record: second of a time program.
     +0xA RECORD_SECOND: u16 = rw().within(0, 59).cite("ASTRO-60");
     /// The record: what an astro program adds to sunrise or sunset.
-    +0xB RECORD_OFFSET_MINUTE: i16 = rw().within(-720, 720).unit("min").cite("ASTRO-60");
+    +0xB RECORD_OFFSET_MINUTES: i16 = rw().within(-720, 720).unit("min").cite("ASTRO-60");
     /// The record: active days, bit 0 Monday to bit 6 Sunday.
     +0xC RECORD_ACTIVE_DAYS: u16 = rw().within(0, 0x7F).cite("ASTRO-60");
     /// Written 0x55AA empties every slot.

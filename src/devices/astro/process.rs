@@ -3,7 +3,7 @@
 
 use super::map::{
     DELETE_ALL_PROGRAMS, PROCESS_CONFIGURATION, PROCESS_START, PROCESSED_ORDER, PROGRAM_COUNT, PROGRAM_COUNT_AGAIN,
-    PROGRAM_INPUT_ORDER, PROGRAM_UPDATE, RECORD_ACTIVE_DAYS, RECORD_HOUR, RECORD_MINUTE, RECORD_OFFSET_MINUTE,
+    PROGRAM_INPUT_ORDER, PROGRAM_UPDATE, RECORD_ACTIVE_DAYS, RECORD_HOUR, RECORD_MINUTE, RECORD_OFFSET_MINUTES,
     RECORD_SECOND, RECORD_SETTINGS,
 };
 use super::programs::{Failed, Program, Slots};
@@ -39,7 +39,7 @@ pub fn judge(txn: &Txn) -> Result<(), Refusal> {
         RECORD_ACTIVE_DAYS,
         DELETE_ALL_PROGRAMS,
     ];
-    if busy.iter().any(|point| txn.touches(*point)) || txn.touches(RECORD_OFFSET_MINUTE) {
+    if busy.iter().any(|point| txn.touches(*point)) || txn.touches(RECORD_OFFSET_MINUTES) {
         let reason = "a process is working on the programs";
         return Err(Refusal::new(Exception::DeviceFailure, reason, "ASTRO-67"));
     }

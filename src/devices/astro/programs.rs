@@ -4,7 +4,7 @@ use chrono::{Datelike, NaiveDate};
 use serde::{Deserialize, Serialize};
 
 use super::map::{
-    RECORD_ACTIVE_DAYS, RECORD_HOUR, RECORD_MINUTE, RECORD_OFFSET_MINUTE, RECORD_SECOND, RECORD_SETTINGS,
+    RECORD_ACTIVE_DAYS, RECORD_HOUR, RECORD_MINUTE, RECORD_OFFSET_MINUTES, RECORD_SECOND, RECORD_SETTINGS,
 };
 use crate::image::Image;
 
@@ -53,7 +53,7 @@ impl Program {
             hour: regs.get(RECORD_HOUR),
             minute: regs.get(RECORD_MINUTE),
             second: regs.get(RECORD_SECOND),
-            offset_minute: regs.get(RECORD_OFFSET_MINUTE),
+            offset_minute: regs.get(RECORD_OFFSET_MINUTES),
             active_days: regs.get(RECORD_ACTIVE_DAYS),
         }
     }
@@ -65,7 +65,7 @@ impl Program {
         regs.set(RECORD_HOUR, record.hour);
         regs.set(RECORD_MINUTE, record.minute);
         regs.set(RECORD_SECOND, record.second);
-        regs.set(RECORD_OFFSET_MINUTE, record.offset_minute);
+        regs.set(RECORD_OFFSET_MINUTES, record.offset_minute);
         regs.set(RECORD_ACTIVE_DAYS, record.active_days);
     }
 
