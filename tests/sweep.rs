@@ -9,12 +9,12 @@ mod table;
 use std::collections::BTreeSet;
 
 use bench::{Bench, Plan, framed};
+use standin::bus::Snapshot;
 use standin::device::Kind;
 use standin::devices::KINDS;
 use standin::image::Image;
 use standin::map::{Bank, Row};
 use standin::options::{OptionRange, OptionRow, OptionValue};
-use standin::station::Live;
 use standin::world::{InputRange, World};
 use table::{Table, Wanted, Word, read_reply, request};
 
@@ -53,7 +53,7 @@ impl Dice {
 struct Sweep {
     table: Table,
     bench: Bench,
-    start: Live,
+    start: Snapshot,
     /// Writes that the table allows, and how many of them the device took.
     allowed: (usize, usize),
 }
@@ -61,8 +61,8 @@ struct Sweep {
 impl Sweep {
     fn of(kind: &'static Kind) -> Self {
         // Simulated time stands still, so that registers change by writes alone.
-        let bench = Plan::of(kind.name, UNIT).clock("2014-10-27T14:22:08", 0.0).start();
-        let start = bench.bus.stations()[0].live();
+        let mut bench = Plan::of(kind.name, UNIT).clock("2014-10-27T14:22:08", 0.0).start();
+        let start = bench.bus.snapshot(bench.now);
         Self { table: Table::of(kind), bench, start, allowed: (0, 0) }
     }
 
@@ -88,8 +88,7 @@ impl Sweep {
         if is_exception || pdu[0] <= 4 {
             assert!(before == *self.image(), "{name}: {pdu:02X?} gave {got:02X?} and changed registers (BUS-10)");
         } else {
-            let (clock, start) = (self.bench.bus.clock().clone(), self.start.clone());
-            self.bench.bus.restore(clock, vec![start]);
+            self.bench.bus.restore(self.bench.now, &self.start);
         }
         if let Wanted::UnlessRefused(_) = wanted {
             self.allowed.0 += 1;
