@@ -18,13 +18,14 @@ const LAYERS: &[&[&str]] = &[
     &["image"],
     &["line"],
     &["device", "options"],
-    &["station"],
+    &["faults", "station"],
     &["bus"],
     &["devices"],
-    &["config"],
+    &["config", "journal"],
     &["export"],
     &["store"],
-    &["http", "io"],
+    &["io"],
+    &["ctl", "http"],
     &["cli"],
     &["main"],
 ];
@@ -33,7 +34,7 @@ const LAYERS: &[&[&str]] = &[
 const WORDS_OF_DEVICES: &[&str] = &["map", "image", "line", "world", "device", "options", "time", "wire", "devices"];
 
 /// The modules that reach the outside world; all below them can run anywhere, at any speed.
-const SHELL: &[&str] = &["config", "store", "http", "io", "cli", "main"];
+const SHELL: &[&str] = &["config", "store", "ctl", "http", "io", "cli", "main"];
 
 /// Modules of the shell that wait for nothing and ask no clock: they read and write what they are given.
 const QUIET_SHELL: &[&str] = &["config", "store"];
