@@ -108,6 +108,7 @@ impl Sweep {
     }
 }
 
+/// BUS-8, BUS-9, BUS-11: spans with a gap, quantities at and beyond the limit, far addresses.
 #[test]
 fn bus_8_every_address_reads_as_the_table_says() {
     for kind in KINDS {
@@ -129,6 +130,7 @@ fn bus_8_every_address_reads_as_the_table_says() {
     }
 }
 
+/// BUS-7, BUS-8, BUS-9, BUS-10: each echo and each exception, and nothing changed behind an exception.
 #[test]
 fn bus_8_every_address_is_written_as_the_table_says() {
     for kind in KINDS {
