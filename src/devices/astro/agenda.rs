@@ -113,9 +113,13 @@ impl Agenda {
         let mut events = Vec::new();
         // An offset can carry an event into the next date or into the one before.
         for day in [date.pred_opt(), Some(date), date.succ_opt()].into_iter().flatten() {
-            let sun = self.sun_in(day, &seasons);
-            for (slot, program) in slots.all().iter().enumerate() {
-                let Some(program) = program.filter(|program| program.is_active(day)) else { continue };
+            let active: Vec<(usize, Program)> = (slots.all().iter().copied().enumerate())
+                .filter_map(|(slot, program)| Some((slot, program.filter(|program| program.is_active(day))?)))
+                .collect();
+            // The sun is worked out for those who ask for it only.
+            let needs_sun = active.iter().any(|(_, program)| program.has(ASTRO));
+            let sun = if needs_sun { self.sun_in(day, &seasons) } else { Sun::default() };
+            for (slot, program) in active {
                 let Some(time) = time_of(&program, day, sun) else { continue };
                 let at = match seasons.skipped_to(time) {
                     // It fires at the jump, when the clock shows the end of the hour that it skips (ASTRO-60).
@@ -176,7 +180,7 @@ impl Agenda {
 fn time_of(program: &Program, day: NaiveDate, sun: Sun) -> Option<NaiveDateTime> {
     if program.has(ASTRO) {
         let minutes = if program.has(SUNRISE) { sun.rise } else { sun.set }?;
-        return Some(standard(day, minutes + i32::from(program.offset_minute)));
+        return Some(standard(day, minutes + i32::from(program.offset_minutes)));
     }
     let time = NaiveTime::from_hms_opt(program.hour.into(), program.minute.into(), program.second.into())?;
     Some(day.and_time(time))

@@ -36,14 +36,14 @@ pub struct Program {
     /// Second of a time program.
     pub second: u16,
     /// Minutes that an astro program adds to sunrise or sunset.
-    pub offset_minute: i16,
+    pub offset_minutes: i16,
     /// Bit 0 Monday to bit 6 Sunday.
     pub active_days: u16,
 }
 
 impl Program {
     const fn every_day(settings: u16) -> Self {
-        Self { settings, hour: 0, minute: 0, second: 0, offset_minute: 0, active_days: EVERY_DAY }
+        Self { settings, hour: 0, minute: 0, second: 0, offset_minutes: 0, active_days: EVERY_DAY }
     }
 
     /// What the record registers hold, be it a program or not.
@@ -53,7 +53,7 @@ impl Program {
             hour: regs.get(RECORD_HOUR),
             minute: regs.get(RECORD_MINUTE),
             second: regs.get(RECORD_SECOND),
-            offset_minute: regs.get(RECORD_OFFSET_MINUTES),
+            offset_minutes: regs.get(RECORD_OFFSET_MINUTES),
             active_days: regs.get(RECORD_ACTIVE_DAYS),
         }
     }
@@ -65,7 +65,7 @@ impl Program {
         regs.set(RECORD_HOUR, record.hour);
         regs.set(RECORD_MINUTE, record.minute);
         regs.set(RECORD_SECOND, record.second);
-        regs.set(RECORD_OFFSET_MINUTES, record.offset_minute);
+        regs.set(RECORD_OFFSET_MINUTES, record.offset_minutes);
         regs.set(RECORD_ACTIVE_DAYS, record.active_days);
     }
 
@@ -75,7 +75,7 @@ impl Program {
             && self.hour <= 23
             && self.minute <= 59
             && self.second <= 59
-            && (-720..=720).contains(&self.offset_minute)
+            && (-720..=720).contains(&self.offset_minutes)
             && self.active_days <= EVERY_DAY
     }
 
