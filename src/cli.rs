@@ -24,11 +24,29 @@ const BAD_CONFIGURATION: u8 = 2;
 
 /// A stand-in for field devices: Modbus slaves that behave as their manuals say.
 #[derive(Debug, Parser)]
-#[command(version, args_conflicts_with_subcommands = true)]
+#[command(
+    version,
+    args_conflicts_with_subcommands = true,
+    long_about = "A stand-in for field devices: Modbus slaves that behave as their manuals say.\n\n\
+        Without a command it runs the buses of devices.toml, or the built-in example where there is none: four \
+        devices on the virtual serial port /tmp/standin/line1. Open that port with your Modbus program at 9600 8N2.",
+    after_long_help = "\
+Examples:
+  standin                                     run ./devices.toml, or the built-in example
+  standin init > devices.toml                 get the example with comments, to change to your liking
+  standin check                               say what devices.toml means, and everything that is wrong with it
+  standin run bench.toml --state state        run another file, and keep the devices' EEPROM in the folder state
+  standin --start 2014-10-31T15:00 --rate 60  begin at that time, a minute a second
+  standin --trace -q                          show every frame, in hex and in words
+  standin registers logiccon-trc              every register of a model: address, name, range, factory value
+  standin registers hmi-volcano-ec --format json   the same for scripts
+
+Paths, those in the file too, are relative to the folder that standin is started in.
+Exit status: 0 fine, 1 something failed at run time, 2 a bad command line or configuration (nothing was started)."
+)]
 struct Cli {
     #[command(subcommand)]
     command: Option<Command>,
-    /// Without a command, the buses are run.
     #[command(flatten)]
     run: RunArgs,
 }
@@ -37,16 +55,16 @@ struct Cli {
 struct RunArgs {
     /// The configuration [default: devices.toml, and where there is none the built-in example].
     config: Option<PathBuf>,
-    /// Folder of the EEPROM images.
+    /// Folder of the EEPROM images, in place of the file's `state`.
     #[arg(long, value_name = "DIR")]
     state: Option<PathBuf>,
     /// Where the simulated clock starts: a local date-time such as 2014-10-27T14:22:08, or host.
     #[arg(long, value_name = "DATE-TIME", value_parser = parse_start)]
     start: Option<Start>,
-    /// Simulated seconds per real second; 0 stands still.
+    /// Simulated seconds a second, 0 to 86400; 0 stands still.
     #[arg(long, value_name = "X", value_parser = parse_rate)]
     rate: Option<f64>,
-    /// Where the control interface listens.
+    /// Where the control interface listens, such as 127.0.0.1:8502.
     #[arg(long, value_name = "ADDR", value_parser = parse_address)]
     listen: Option<SocketAddr>,
     /// Print every frame, in hex and in words, on stderr.
@@ -58,7 +76,7 @@ struct RunArgs {
     /// End when the process that started this one ends.
     #[arg(long)]
     exit_with_parent: bool,
-    /// Log more.
+    /// Log more; twice: everything. RUST_LOG overrules it.
     #[arg(short, long, action = ArgAction::Count, conflicts_with = "quiet")]
     verbose: u8,
     /// Log errors only.
@@ -70,14 +88,22 @@ struct RunArgs {
 enum Command {
     /// Run the buses of a configuration until a signal ends it.
     Run(RunArgs),
-    /// List, show or reset the EEPROM images of a state folder.
+    /// List, show or reset what devices keep in EEPROM.
+    #[command(after_help = "\
+Examples:
+  standin memory list
+  standin memory show yard
+  standin memory reset yard --state state")]
     Memory {
         /// What to do.
         #[command(subcommand)]
         command: MemoryCommand,
-        /// Folder of the EEPROM images.
-        #[arg(long, value_name = "DIR", default_value = "state", global = true)]
-        state: PathBuf,
+        /// Folder of the EEPROM images, in place of the file's `state`.
+        #[arg(long, value_name = "DIR", global = true)]
+        state: Option<PathBuf>,
+        /// The configuration that names the folder.
+        #[arg(long, value_name = "CONFIG", default_value = DEFAULT_FILE, global = true)]
+        config: PathBuf,
     },
     /// Read and judge a configuration, print the plan, start nothing.
     #[command(after_help = "Example:\n  standin check bench.toml && standin run bench.toml")]
@@ -155,13 +181,7 @@ pub fn main() -> ExitCode {
     let cli = Cli::parse();
     match cli.command.unwrap_or(Command::Run(cli.run)) {
         Command::Run(args) => run(args),
-        Command::Memory { command, state } => match memory(&command, &state) {
-            Ok(text) => print(&text),
-            Err(error) => {
-                complain(&format!("error: {error}"));
-                ExitCode::FAILURE
-            }
-        },
+        Command::Memory { command, state, config } => memory(&command, state, &config),
         Command::Check { config } => check(&config),
         Command::Registers { model, format } => print(&match format {
             Format::Table => export::table(model),
@@ -206,7 +226,8 @@ fn run(args: RunArgs) -> ExitCode {
     let config = match read(args.config.as_deref(), &overrides) {
         Ok(config) => config,
         Err(error) => {
-            complain(&error.to_string());
+            let hint = args.config.as_deref().map_or(String::new(), mistaken_command);
+            complain(&format!("{error}{hint}"));
             return ExitCode::from(BAD_CONFIGURATION);
         }
     };
@@ -230,6 +251,17 @@ fn read(path: Option<&Path>, overrides: &Overrides) -> Result<Config, ConfigErro
     }
 }
 
+/// A misspelt command is taken for a file: the hint says so where it looks like one.
+fn mistaken_command(path: &Path) -> String {
+    let word = path.to_string_lossy();
+    let commands = Cli::command();
+    let mut names = commands.get_subcommands().map(clap::Command::get_name);
+    match names.find(|name| strsim::damerau_levenshtein(name, &word) <= 2) {
+        Some(name) if !path.exists() => format!("\nDid you mean `standin {name}`?"),
+        _ => String::new(),
+    }
+}
+
 /// Logs go to stderr; `RUST_LOG` overrules the options.
 fn log(verbose: u8, quiet: bool) {
     let level = match (quiet, verbose) {
@@ -249,7 +281,31 @@ fn log(verbose: u8, quiet: bool) {
         .try_init();
 }
 
-fn memory(command: &MemoryCommand, folder: &Path) -> Result<String, StoreError> {
+fn memory(command: &MemoryCommand, state: Option<PathBuf>, config: &Path) -> ExitCode {
+    let folder = match state.map_or_else(|| state_of(config), Ok) {
+        Ok(folder) => folder,
+        Err(error) => {
+            complain(&error);
+            return ExitCode::from(BAD_CONFIGURATION);
+        }
+    };
+    match memory_in(&folder, command) {
+        Ok(text) => print(&text),
+        Err(error) => {
+            complain(&format!("error: {error}"));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The state folder that a configuration names.
+fn state_of(config: &Path) -> Result<PathBuf, String> {
+    let read = Config::read(config, &Overrides::default(), host_time());
+    let state = read.map_err(|error| format!("{error}\nThe folder can be given with --state DIR too."))?.state;
+    state.ok_or_else(|| format!("{} names no `state` folder: give one with --state DIR", config.display()))
+}
+
+fn memory_in(folder: &Path, command: &MemoryCommand) -> Result<String, StoreError> {
     let images = Images::at(folder);
     match command {
         MemoryCommand::List => {

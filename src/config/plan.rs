@@ -14,7 +14,7 @@ impl Config {
             Start::Host => "the host's time".into(),
             Start::At(time) => time.to_string(),
         };
-        let _ = writeln!(plan, "clock    starts at {start}, {} simulated seconds a second", self.rate);
+        let _ = writeln!(plan, "clock    from {start} on, {} times as fast as real time", self.rate);
         let memory = self.state.as_ref().map(|folder| format!("in the folder {}", folder.display()));
         let _ = writeln!(plan, "memory   {}", memory.as_deref().unwrap_or("as long as the program runs"));
         let control = self.control.as_ref().map(|control| {
