@@ -107,7 +107,8 @@ bus line1: 19200 8N2, timing fast, line check warn
   unit 250  gate    logiccon-trc
 ";
     assert_eq!((ran.status, ran.out.as_str()), (0, plan));
-    let warning = "warning: devices.toml:17:8: unit 250 is reserved by Modbus, whose units end at 247: many masters refuse it\n";
+    let warning =
+        "warning: devices.toml:17:8: unit 250 is reserved by Modbus, whose units end at 247: many masters refuse it\n";
     assert_eq!(ran.err, warning);
     let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
     assert_eq!(left, ["devices.toml"]);
@@ -182,7 +183,9 @@ fn registers_as_csv_have_one_line_each() {
     // 7 coils, 2 discrete inputs, 2 input registers, 41 holding registers.
     assert_eq!(lines.count(), 7 + 2 + 2 + 41);
     let baudrate = ran.out.lines().find(|line| line.contains(",baudrate,")).unwrap();
-    assert!(baudrate.starts_with("holding,0,baudrate,1,u16,10 bit/s,0,480,3840,480 960 1920 3840,1,960,read-write,eeprom,VOL-3,\""));
+    assert!(baudrate.starts_with(
+        "holding,0,baudrate,1,u16,10 bit/s,0,480,3840,480 960 1920 3840,1,960,read-write,eeprom,VOL-3,\""
+    ));
 }
 
 #[test]
@@ -300,5 +303,8 @@ fn bus_20_memory_is_that_of_the_folder_that_the_configuration_names() {
     assert_eq!((ran.status, ran.out.as_str()), (0, ""));
     let none = folder_with(&HEATER.replace("state = \"memory\"", ""));
     let ran = run_in(none.path(), &["memory", "list"]);
-    assert_eq!((ran.status, ran.err.as_str()), (2, "devices.toml names no `state` folder: give one with --state DIR\n"));
+    assert_eq!(
+        (ran.status, ran.err.as_str()),
+        (2, "devices.toml names no `state` folder: give one with --state DIR\n")
+    );
 }

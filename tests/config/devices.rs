@@ -1,6 +1,10 @@
 //! What is refused in a device: unit, line, inputs, options, start values.
 
+use std::sync::Arc;
+
 use standin::config::{Overrides, Start};
+use standin::image::Layout;
+use standin::station::Station;
 use standin::time::civil;
 
 use crate::{accepted, bus, charger, heater, parse, parse_with, refused};
@@ -52,7 +56,7 @@ fn bus_14_a_line_setting_that_a_device_does_not_offer_is_refused() {
 }
 
 #[test]
-fn inputs_are_known_and_within_their_range() {
+fn bus_21_inputs_are_known_and_within_their_range() {
     refused(
         &charger("inputs = { ac_voltag = 1, battery_connected = \"yes\", battery_charge = 1.5, temperature = nan }"),
         &[
@@ -62,6 +66,17 @@ fn inputs_are_known_and_within_their_range() {
             "t:8:76: logiccon-trc has no input \"temperature\"; did you mean ambient_temperature?",
         ],
     );
+}
+
+#[test]
+fn bus_21_inputs_are_the_world_that_a_device_measures() {
+    let config = accepted(&charger("inputs = { ac_voltage = 241, load_current = 3.5 }"));
+    let setup = config.buses[0].devices[0].clone();
+    let layout = Arc::new(Layout::new(setup.kind.map));
+    let station = Station::new(setup, layout, None, &config.clock(civil(2024, 1, 1, 0, 0, 0))).unwrap();
+    let shown = |name: &str| station.raw(station.layout().named(name).unwrap());
+    // TRC-1: the mains in volts, the load's current in tenths of an ampere.
+    assert_eq!((shown("ac_voltage"), shown("output_current")), (241, 35));
 }
 
 #[test]
