@@ -26,6 +26,7 @@ use self::map::{
 };
 use self::relay::{Memory, Relay};
 use self::settings::Settings;
+use self::tcr::Tcr;
 use crate::device::{CrcError, Cx, Device, Kind, Profile};
 use crate::image::{Change, Image, Origin};
 use crate::map::{Bank, Row};
@@ -116,6 +117,11 @@ impl Device for Pfc {
     }
 
     fn power_on(&mut self, cx: &mut Cx) {
+        if !cx.world.flag(SUPPLY) {
+            // Dark from the first moment: it is only set up, and begins to live when its supply comes.
+            self.lost_at.get_or_insert(cx.now.civil);
+            return;
+        }
         if let Some(time) = self.lost_at.take() {
             self.relay.log(EventKind::PowerLoss, time);
         }
@@ -126,6 +132,9 @@ impl Device for Pfc {
     }
 
     fn power_off(&mut self, cx: &mut Cx) {
+        if !self.is_on {
+            return;
+        }
         self.advance(cx);
         self.is_on = false;
         self.lost_at = Some(cx.now.civil);
@@ -165,16 +174,18 @@ impl Device for Pfc {
     }
 
     fn committed(&mut self, change: &Change, cx: &mut Cx) {
-        self.take_settings(cx.now, cx.regs);
         // The start values of devices.toml are a panel that was set up, reactors included.
         let is_set_up = change.origin == Origin::Start;
         for (tcr, command) in [STAR_TCR_UPDATE_KP_KI, DELTA_TCR_UPDATE_KP_KI].into_iter().enumerate() {
             if is_set_up || change.sent(command).is_some() {
-                self.relay.update_gains(tcr, cx.regs);
+                self.relay.memory.gains[tcr] = Tcr::both(cx.regs)[tcr].gains();
                 cx.effects.save = true;
             }
         }
-        self.show(cx);
+        if self.is_on {
+            self.take_settings(cx.now, cx.regs);
+            self.show(cx);
+        }
     }
 
     fn factory_reset(&mut self, cx: &mut Cx) {

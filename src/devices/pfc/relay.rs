@@ -50,7 +50,7 @@ pub struct Memory {
     pub meters: Meters,
     /// Events.
     pub log: Log,
-    /// Gains of the star and the delta reactor.
+    /// Gains of the star and the delta reactor; a change of them counts from the next settings on.
     pub gains: [Gains; 2],
     /// When the energies last started anew; `None` before the first start.
     pub energy_reset: Option<NaiveDateTime>,
@@ -169,12 +169,6 @@ impl Relay {
         }
         self.plan_energy_reset(now);
         self.settle(now.running_us, regs);
-    }
-
-    /// The gains of one reactor, 0 star and 1 delta, are made anew from its power (PFC-13).
-    pub fn update_gains(&mut self, tcr: usize, regs: &mut Image) {
-        self.memory.gains[tcr] = self.settings.tcrs[tcr].gains();
-        self.settle(self.at_us, regs);
     }
 
     /// The civil clock was moved, or read again for the first time.
