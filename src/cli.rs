@@ -1,31 +1,84 @@
 //! The command line: what is asked for, and what is printed. `standin --help` shows it.
 
-use std::io::{self, Write};
+use std::io::{self, IsTerminal, Write};
+use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use chrono::{Local, NaiveDateTime};
-use clap::{CommandFactory, Parser, Subcommand, ValueEnum};
+use clap::{ArgAction, Args, CommandFactory, Parser, Subcommand, ValueEnum};
 use clap_complete::Shell;
+use tracing_subscriber::EnvFilter;
 
-use crate::config::{Config, DEFAULT_FILE, EXAMPLE, Overrides};
+use crate::config::{
+    Config, ConfigError, DEFAULT_FILE, EXAMPLE, Overrides, Start, parse_address, parse_rate, parse_start,
+};
 use crate::device::Kind;
 use crate::devices::{KINDS, kind};
 use crate::export;
+use crate::io::RunOptions;
+use crate::store::{Images, Store, StoreError};
 
 /// Exit status of a bad command line or configuration: nothing was started.
 const BAD_CONFIGURATION: u8 = 2;
 
 /// A stand-in for field devices: Modbus slaves that behave as their manuals say.
 #[derive(Debug, Parser)]
-#[command(version)]
+#[command(version, args_conflicts_with_subcommands = true)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
+    /// Without a command, the buses are run.
+    #[command(flatten)]
+    run: RunArgs,
+}
+
+#[derive(Debug, Args)]
+struct RunArgs {
+    /// The configuration [default: devices.toml, and where there is none the built-in example].
+    config: Option<PathBuf>,
+    /// Folder of the EEPROM images.
+    #[arg(long, value_name = "DIR")]
+    state: Option<PathBuf>,
+    /// Where the simulated clock starts: a local date-time such as 2014-10-27T14:22:08, or host.
+    #[arg(long, value_name = "DATE-TIME", value_parser = parse_start)]
+    start: Option<Start>,
+    /// Simulated seconds per real second; 0 stands still.
+    #[arg(long, value_name = "X", value_parser = parse_rate)]
+    rate: Option<f64>,
+    /// Where the control interface listens.
+    #[arg(long, value_name = "ADDR", value_parser = parse_address)]
+    listen: Option<SocketAddr>,
+    /// Print every frame, in hex and in words, on stderr.
+    #[arg(long)]
+    trace: bool,
+    /// Print the start report as one line of JSON.
+    #[arg(long)]
+    json: bool,
+    /// End when the process that started this one ends.
+    #[arg(long)]
+    exit_with_parent: bool,
+    /// Log more.
+    #[arg(short, long, action = ArgAction::Count, conflicts_with = "quiet")]
+    verbose: u8,
+    /// Log errors only.
+    #[arg(short, long)]
+    quiet: bool,
 }
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Run the buses of a configuration until a signal ends it.
+    Run(RunArgs),
+    /// List, show or reset the EEPROM images of a state folder.
+    Memory {
+        /// What to do.
+        #[command(subcommand)]
+        command: MemoryCommand,
+        /// Folder of the EEPROM images.
+        #[arg(long, value_name = "DIR", default_value = "state", global = true)]
+        state: PathBuf,
+    },
     /// Read and judge a configuration, print the plan, start nothing.
     #[command(after_help = "Example:\n  standin check bench.toml && standin run bench.toml")]
     Check {
@@ -62,6 +115,22 @@ a write may carry, MEMORY whether the device keeps it over a restart.")]
     },
 }
 
+#[derive(Debug, Subcommand)]
+enum MemoryCommand {
+    /// List the devices that have images, with model and unit.
+    List,
+    /// Print the image of a device.
+    Show {
+        /// The device.
+        device: String,
+    },
+    /// Take the image of a device away: with the next start it is as from the factory.
+    Reset {
+        /// The device.
+        device: String,
+    },
+}
+
 #[derive(Clone, Copy, Debug, ValueEnum)]
 enum Format {
     /// Columns, one register a line.
@@ -84,7 +153,15 @@ fn parse_model(name: &str) -> Result<&'static Kind, String> {
 /// Does what the command line of this process asks for, and gives the exit status.
 pub fn main() -> ExitCode {
     let cli = Cli::parse();
-    match cli.command {
+    match cli.command.unwrap_or(Command::Run(cli.run)) {
+        Command::Run(args) => run(args),
+        Command::Memory { command, state } => match memory(&command, &state) {
+            Ok(text) => print(&text),
+            Err(error) => {
+                complain(&format!("error: {error}"));
+                ExitCode::FAILURE
+            }
+        },
         Command::Check { config } => check(&config),
         Command::Registers { model, format } => print(&match format {
             Format::Table => export::table(model),
@@ -121,6 +198,78 @@ fn complain(text: &str) {
 
 fn host_time() -> NaiveDateTime {
     Local::now().naive_local()
+}
+
+fn run(args: RunArgs) -> ExitCode {
+    log(args.verbose, args.quiet);
+    let overrides = Overrides { state: args.state, start: args.start, rate: args.rate, listen: args.listen };
+    let config = match read(args.config.as_deref(), &overrides) {
+        Ok(config) => config,
+        Err(error) => {
+            complain(&error.to_string());
+            return ExitCode::from(BAD_CONFIGURATION);
+        }
+    };
+    config.warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    let RunArgs { trace, json, exit_with_parent, .. } = args;
+    match crate::io::run(config, RunOptions { trace, json, exit_with_parent }) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            complain(&format!("error: {error}"));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+/// The configuration that is named, else the one that lies here, else the example.
+fn read(path: Option<&Path>, overrides: &Overrides) -> Result<Config, ConfigError> {
+    match path {
+        Some(path) => Config::read(path, overrides, host_time()),
+        None if Path::new(DEFAULT_FILE).exists() => Config::read(Path::new(DEFAULT_FILE), overrides, host_time()),
+        None => Config::parse("the built-in example", EXAMPLE.as_bytes(), overrides, host_time()),
+    }
+}
+
+/// Logs go to stderr; `RUST_LOG` overrules the options.
+fn log(verbose: u8, quiet: bool) {
+    let level = match (quiet, verbose) {
+        (true, _) => "error",
+        (false, 0) => "info",
+        (false, 1) => "debug",
+        (false, _) => "trace",
+    };
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_| EnvFilter::new(level));
+    let is_terminal = io::stderr().is_terminal();
+    // A program that has set up its own log before keeps it.
+    let _ = tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(io::stderr)
+        .with_ansi(is_terminal)
+        .with_target(false)
+        .try_init();
+}
+
+fn memory(command: &MemoryCommand, folder: &Path) -> Result<String, StoreError> {
+    let images = Images::at(folder);
+    match command {
+        MemoryCommand::List => {
+            let mut text = String::new();
+            for device in images.list()? {
+                text += &match images.show(&device) {
+                    Ok(saved) => format!("{device}: {}, unit {}\n", saved.model, saved.configured_unit),
+                    Err(error) => format!("{device}: {error}\n"),
+                };
+            }
+            Ok(text)
+        }
+        MemoryCommand::Show { device } => Ok(images.show(device)?.text()),
+        MemoryCommand::Reset { device } => {
+            // A folder that does not exist is not made for this.
+            images.list()?;
+            Store::open(folder)?.reset(device)?;
+            Ok(format!("{device} is as from the factory when it starts next\n"))
+        }
+    }
 }
 
 fn check(path: &Path) -> ExitCode {

@@ -26,6 +26,14 @@ pub struct Saved {
     pub device: Json,
 }
 
+impl Saved {
+    /// The image as it is kept: JSON that people can read.
+    pub fn text(&self) -> String {
+        // Names, numbers and JSON are always JSON.
+        serde_json::to_string_pretty(self).unwrap_or_default() + "\n"
+    }
+}
+
 /// The version of [`Saved`] that this program writes.
 pub const SAVED_VERSION: u32 = 1;
 
