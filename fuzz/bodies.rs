@@ -156,7 +156,9 @@ fn carry_out(bench: &mut Bench, deed: Deed) {
     match deed {
         Deed::Ask(pdu) => {
             bench.send(&framed(pdu));
-            check_replies(bench, (pdu.len() >= 2).then_some(pdu));
+            // Bytes behind a whole request are noise, and the request may be answered as it is.
+            let is_request = pdu.len() >= 2 && Request::parse(&pdu[1..]).is_some();
+            check_replies(bench, is_request.then_some(pdu));
             bench.wait_ms(40);
             check_replies(bench, None);
         }
@@ -326,9 +328,12 @@ pub fn seeds(root: &Path) -> Vec<(&'static str, String, Vec<u8>)> {
     texts.sort();
     for (name, text) in &texts {
         for (number, part) in text.split("\n---\n").enumerate() {
-            let requests: Vec<Vec<u8>> = part.lines().filter_map(request).collect();
+            let mut requests: Vec<Vec<u8>> = part.lines().filter_map(request).collect();
             if requests.is_empty() {
                 continue;
+            }
+            for request in &mut requests {
+                request[0] = unit_here(part, request[0]);
             }
             let name = format!("{name}-{number}");
             let stream: Vec<u8> = requests.iter().flat_map(|request| framed(request)).collect();
@@ -358,6 +363,17 @@ fn transcripts(folder: &Path, texts: &mut Vec<(String, String)>) {
             texts.push((stem.to_string_lossy().into_owned(), text));
         }
     }
+}
+
+/// The unit that a device of a transcript has on the bus of all devices; another unit stays what it is.
+fn unit_here(transcript: &str, unit: u8) -> u8 {
+    let words = transcript.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
+    let model = words.filter_map(|words| match words[..] {
+        ["device", model, "at", at, ..] if at.parse() == Ok(unit) => Some(model.to_owned()),
+        _ => None,
+    });
+    let model = model.last();
+    KINDS.iter().position(|kind| Some(kind.name) == model.as_deref()).map_or(unit, |index| index as u8 + 1)
 }
 
 /// Unit, function and data of a transcript's request line, its CRC cut off.

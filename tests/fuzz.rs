@@ -9,9 +9,10 @@ mod bodies;
 use std::path::Path;
 
 use proptest::prelude::*;
+use proptest::test_runner::{RngAlgorithm, TestRng, TestRunner};
 
 /// How often each body runs on mutated seeds and on random bytes.
-const CASES: u32 = 128;
+const CASES: u32 = 512;
 
 fn body(target: &str) -> fn(&[u8]) {
     match target {
@@ -37,7 +38,6 @@ fn check(target: &str) {
     for entry in std::fs::read_dir(found).into_iter().flatten().flatten() {
         body(&std::fs::read(entry.path()).unwrap());
     }
-    let config = ProptestConfig { cases: CASES, failure_persistence: None, ..ProptestConfig::default() };
     let strategy = prop_oneof![
         proptest::collection::vec(any::<u8>(), 0..400),
         (any::<prop::sample::Index>(), mutations()).prop_map(move |(index, mutations)| {
@@ -48,7 +48,14 @@ fn check(target: &str) {
             bytes
         }),
     ];
-    proptest!(config, |(bytes in strategy)| body(&bytes));
+    // The same cases every time: it is cargo-fuzz that looks for new ones.
+    let config = ProptestConfig { cases: CASES, failure_persistence: None, ..ProptestConfig::default() };
+    let mut runner = TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha));
+    let run = runner.run(&strategy, |bytes| {
+        body(&bytes);
+        Ok(())
+    });
+    run.unwrap_or_else(|error| panic!("{target}: {error}"));
 }
 
 /// A small damage to a seed.
