@@ -11,9 +11,6 @@ use std::path::Path;
 use proptest::prelude::*;
 use proptest::test_runner::{RngAlgorithm, TestRng, TestRunner};
 
-/// How often each body runs on mutated seeds and on random bytes.
-const CASES: u32 = 512;
-
 fn body(target: &str) -> fn(&[u8]) {
     match target {
         "framer" => bodies::framer,
@@ -24,8 +21,8 @@ fn body(target: &str) -> fn(&[u8]) {
     }
 }
 
-/// Runs a target on its seeds, on all that is kept under `fuzz/found`, and on what comes by chance.
-fn check(target: &str) {
+/// Runs a target on its seeds, on all that is kept under `fuzz/found`, and on so many mutated seeds and random bytes.
+fn check(target: &str, cases: u32) {
     let body = body(target);
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
     let seeds: Vec<Vec<u8>> =
@@ -49,7 +46,7 @@ fn check(target: &str) {
         }),
     ];
     // The same cases every time: it is cargo-fuzz that looks for new ones.
-    let config = ProptestConfig { cases: CASES, failure_persistence: None, ..ProptestConfig::default() };
+    let config = ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() };
     let mut runner = TestRunner::new_with_rng(config, TestRng::deterministic_rng(RngAlgorithm::ChaCha));
     let run = runner.run(&strategy, |bytes| {
         body(&bytes);
@@ -97,20 +94,20 @@ fn mutations() -> impl Strategy<Value = Vec<Mutation>> {
 
 #[test]
 fn bus_1_and_5_any_bytes_are_cut_into_frames_alike() {
-    check("framer");
+    check("framer", 2000);
 }
 
 #[test]
 fn bus_5_any_requests_leave_every_device_answering() {
-    check("bus");
+    check("bus", 80);
 }
 
 #[test]
 fn any_file_is_a_configuration_or_told_what_is_wrong() {
-    check("config");
+    check("config", 1000);
 }
 
 #[test]
 fn bus_20_any_image_is_refused_or_lived_with() {
-    check("image");
+    check("image", 500);
 }
