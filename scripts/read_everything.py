@@ -141,7 +141,7 @@ def read(client: ModbusSerialClient, unit: int, run: list[dict[str, Any]]) -> li
     reply = call(start, count=count, device_id=unit)
     if reply.isError():
         raise ModbusException(f"{bank} {start} to {start + count - 1}: exception {reply.exception_code:02}")
-    return [int(bit) for bit in reply.bits[:count]] if bank in ("coil", "discrete") else reply.registers
+    return [int(bit) for bit in reply.bits[:count]] if bank in ("coil", "discrete") else list(reply.registers)
 
 
 def value(register: dict[str, Any], words: list[int]) -> str:
@@ -162,7 +162,7 @@ def number(form: str, words: list[int], scale: int) -> int:
         case "s32":
             return signed[0] << 16 | words[1]
         case "whole+decimals":
-            return signed[0] * 10**scale + signed[1]
+            return signed[0] * int(10**scale) + signed[1]
         case "10000s+rest":
             return words[0] * 10_000 + words[1]
         case _:

@@ -79,8 +79,10 @@ class Pymodbus:
 
     def write(self, unit: int, bank: str, addr: int, value: int) -> None:
         """Writes one coil or register."""
-        call = self.client.write_coil if bank == COIL else self.client.write_register
-        self._result(lambda: call(addr, bool(value) if bank == COIL else value, device_id=unit))
+        if bank == COIL:
+            self._result(lambda: self.client.write_coil(addr, bool(value), device_id=unit))
+        else:
+            self._result(lambda: self.client.write_register(addr, value, device_id=unit))
 
     def write_many(self, unit: int, bank: str, addr: int, values: Sequence[int]) -> None:
         """Writes neighbouring coils or registers."""
@@ -232,7 +234,7 @@ class Raw:
         assert framed(whole[:-2]) == whole, whole.hex(" ")
         if head[1] & 0x80:
             raise Refused(head[2])
-        return whole[2:-2]
+        return bytes(whole[2:-2])
 
     def read(self, unit: int, bank: str, addr: int, count: int) -> list[int]:
         """Reads bits or registers."""

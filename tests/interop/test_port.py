@@ -9,9 +9,8 @@ import stat
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -167,7 +166,8 @@ def test_bus_5_a_good_request_after_garbage_and_silence(four: Standin) -> None:
 
 def test_bus_5_several_requests_in_one_write(four: Standin) -> None:
     asks = [bytes([TRC, 3, 0, 9, 0, 3]), bytes([HEATER, 3, 0, 23, 0, 1]), bytes([TRC, 3, 0, 40, 0, 1])]
-    replies = [bytes([TRC, 3, 6, 0, 210, 0, 40, 0, 30]), bytes([HEATER, 3, 2, 2200 >> 8, 2200 & 255]), bytes([TRC, 0x83, 2])]
+    limits, target = bytes([TRC, 3, 6, 0, 210, 0, 40, 0, 30]), bytes([HEATER, 3, 2, 2200 >> 8, 2200 & 255])
+    replies = [limits, target, bytes([TRC, 0x83, 2])]
     with serial.Serial(four.path("line1"), 9600, stopbits=2, timeout=1) as port:
         port.write(b"".join(framed(ask) for ask in asks))
         wanted = b"".join(framed(reply) for reply in replies)
@@ -263,7 +263,7 @@ def test_bus_5_many_requests_at_once_over_asyncio(four: Standin) -> None:
         asked += [client.read_holding_registers(0x10, count=7, device_id=ASTRO) for _ in range(30)]
         replies = await asyncio.gather(*asked)
         client.close()
-        return [reply.registers for reply in replies]
+        return [list(reply.registers) for reply in replies]
 
     assert asyncio.run(ask()) == [[210, 40, 30]] * 30 + [CLOCK] * 30
 
