@@ -18,6 +18,9 @@ pub const FRAME_MAX: usize = 256;
 /// The most bytes that wait while the bus is busy; a client that sends on without reading loses the rest.
 const WAITING_MAX: usize = 16 * 1024;
 
+/// Bytes of the CRC.
+const CRC_BYTES: usize = 2;
+
 /// The fewest bytes of a frame.
 const FRAME_MIN: usize = 4;
 
@@ -42,6 +45,9 @@ pub struct Framer {
     tried: usize,
     /// More than the longest frame came without a silence: only silence helps (BUS-1).
     overrun: bool,
+    /// So many zero bytes at the start may be the end of the frame before: a CRC that ends in zeros is good without
+    /// them too, and only a request's known length tells that they belong to it.
+    strays: usize,
 }
 
 impl Framer {
@@ -64,8 +70,12 @@ impl Framer {
             return None;
         }
         let bytes = &self.bytes[self.start..];
-        let length = whole_length(bytes, self.tried, ours);
-        let Some(length) = length else {
+        let found = (0..=self.strays).find_map(|skip| {
+            let (strays, rest) = bytes.split_at_checked(skip)?;
+            let length = whole_length(rest, self.tried.saturating_sub(skip), &ours)?;
+            strays.iter().all(|byte| *byte == 0).then_some((skip, length))
+        });
+        let Some((skip, length)) = found else {
             self.tried = bytes.len().min(FRAME_MAX + 1);
             if bytes.len() > FRAME_MAX {
                 self.overrun = true;
@@ -73,10 +83,11 @@ impl Framer {
             }
             return None;
         };
-        let start = self.start;
-        self.start += length;
+        let start = self.start + skip;
+        self.start = start + length;
         self.tried = 0;
-        Some(Frame::Whole(&self.bytes[start..start + length - 2]))
+        self.strays = if ends_for_certain(&self.bytes[start..], &ours) { 0 } else { CRC_BYTES };
+        Some(Frame::Whole(&self.bytes[start..self.start - CRC_BYTES]))
     }
 
     /// The line fell silent: what was not a frame until now is none.
@@ -86,6 +97,10 @@ impl Framer {
             self.bytes.drain(..start);
         }
         self.tried = 0;
+        let strays = std::mem::take(&mut self.strays);
+        if self.bytes.len() <= strays && self.bytes.iter().all(|byte| *byte == 0) {
+            self.bytes.clear();
+        }
         // The bytes are handed out once and forgotten with the next push.
         self.start = self.bytes.len();
         match std::mem::take(&mut self.overrun) {
@@ -108,6 +123,12 @@ impl Framer {
     pub fn clear(&mut self) {
         *self = Self::default();
     }
+}
+
+/// Whether the length of a frame follows from its bytes, so that not the CRC alone tells where it ends.
+fn ends_for_certain(frame: &[u8], ours: impl Fn(u8) -> bool) -> bool {
+    (frame[0] == 0 || ours(frame[0]))
+        && matches!(frame[1], READ_COILS..=WRITE_SINGLE_REGISTER | WRITE_MULTIPLE_COILS..=WRITE_MULTIPLE_REGISTERS)
 }
 
 /// The length of the frame at the start of `bytes`, if one is whole. Lengths of `tried` and below had no good CRC.
@@ -171,6 +192,35 @@ mod tests {
         let mut framer = Framer::default();
         framer.push(&[reply, refused, request].concat());
         assert_eq!(all(&mut framer), [vec![9, 3, 4, 1, 2, 3, 4], vec![9, 0x83, 2], vec![1, 3, 0, 0x10, 0, 7]]);
+    }
+
+    #[test]
+    fn bus_6_a_crc_that_ends_in_zero_leaves_nothing_behind() {
+        let request = framed(&[1, 3, 0, 0x10, 0, 7]);
+        // The reply of a foreign device that is also good one byte earlier, where a request would end; and an unknown
+        // function of our own.
+        let reply = (0..=u8::MAX).map(|low| framed(&[9, 3, 4, 1, 2, 3, low])).find(|frame| frame.ends_with(&[0]));
+        let unknown = (0..=u8::MAX).map(|low| framed(&[1, 0x2B, 0x0E, low])).find(|frame| frame.ends_with(&[0]));
+        for (first, cut) in [(reply.unwrap(), 1), (unknown.unwrap(), 1)] {
+            let mut framer = Framer::default();
+            framer.push(&first);
+            assert_eq!(all(&mut framer), [first[..first.len() - 2 - cut].to_vec()]);
+            framer.push(&request);
+            assert_eq!(all(&mut framer), [request[..6].to_vec()]);
+            framer.push(&first);
+            assert_eq!(all(&mut framer).len(), 1);
+            assert_eq!(framer.silence(), None);
+            assert!(!framer.is_waiting());
+        }
+    }
+
+    #[test]
+    fn bus_3_a_broadcast_right_behind_a_foreign_reply() {
+        let reply = framed(&[9, 3, 4, 1, 2, 3, 4]);
+        let broadcast = framed(&[0, 6, 0, 0x10, 0, 7]);
+        let mut framer = Framer::default();
+        framer.push(&[reply, broadcast].concat());
+        assert_eq!(all(&mut framer), [vec![9, 3, 4, 1, 2, 3, 4], vec![0, 6, 0, 0x10, 0, 7]]);
     }
 
     #[test]

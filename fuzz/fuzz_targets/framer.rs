@@ -1,0 +1,9 @@
+#![no_main]
+
+#[path = "../../tests/bench/mod.rs"]
+mod bench;
+#[path = "../bodies.rs"]
+#[allow(dead_code)]
+mod bodies;
+
+libfuzzer_sys::fuzz_target!(|data: &[u8]| bodies::framer(data));
