@@ -1,5 +1,5 @@
-//! Laws that hold for the Volcano whatever is written to it and whatever the weather: registers that bind each other, the
-//! control against a second one made from the clauses, the room's energy, and time in one piece or in many.
+//! Laws that hold for the Volcano whatever is written to it and whatever the weather: registers that bind each other,
+//! the control against a second one made from the clauses, the room's energy, and time in one piece or in many.
 #![allow(clippy::unwrap_used, clippy::expect_used)]
 
 mod bench;
@@ -34,6 +34,10 @@ fn temperatures() -> impl Strategy<Value = Event> {
     prop_oneof![celsius, fahrenheit, limits, hot_limits]
 }
 
+fn units() -> impl Strategy<Value = Event> {
+    any::<bool>().prop_map(|is_fahrenheit| Event::Coil(5, is_fahrenheit))
+}
+
 fn schedules() -> impl Strategy<Value = Event> {
     (28..40_u16, prop::collection::vec(0..1440_u16, 1..5)).prop_map(|(addr, mut minutes)| {
         minutes.truncate(usize::from(40 - addr));
@@ -55,7 +59,7 @@ fn event() -> impl Strategy<Value = Event> {
         4 => temperatures(),
         2 => schedules(),
         3 => many,
-        2 => any::<bool>().prop_map(|on| Event::Coil(5, on)),
+        2 => units(),
         1 => (2..7_u16, any::<bool>()).prop_map(|(addr, on)| Event::Coil(addr, on)),
         1 => coils,
         2 => (-10.0..40.0_f64).prop_map(|celsius| Event::Input("room_temperature", celsius)),
@@ -182,7 +186,7 @@ proptest! {
 
     #[test]
     fn vol_30_there_and_back_gives_the_old_temperatures_whatever_came_before(
-        events in prop::collection::vec(prop_oneof![3 => temperatures(), 1 => any::<bool>().prop_map(|on| Event::Coil(5, on))], 1..40),
+        events in prop::collection::vec(prop_oneof![3 => temperatures(), 1 => units()], 1..40),
         correction in -800..=800_i16,
     ) {
         let mut bench = Plan::of(MODEL, 1).register("ntc_1_correct", i64::from(correction)).start();
@@ -270,7 +274,7 @@ fn control_event() -> impl Strategy<Value = Event> {
         1 => write(23, 6200..=7400),
         1 => write(24, 6200..=7000),
         1 => any::<bool>().prop_map(|on| Event::Coil(2, on)),
-        1 => any::<bool>().prop_map(|on| Event::Coil(5, on)),
+        1 => units(),
         1 => any::<bool>().prop_map(|on| Event::Input("ntc_1_fault", f64::from(u8::from(on)))),
         2 => Just(Event::Pass(1.0)),
     ]
@@ -377,7 +381,8 @@ proptest! {
         let room = bench.input_value("room_temperature");
         let mut around = vec![weather.room, weather.outside];
         around.push(if weather.mode == 1 { weather.water } else { weather.chilled });
-        let (low, high) = (around.iter().copied().fold(f64::MAX, f64::min), around.iter().copied().fold(f64::MIN, f64::max));
+        let low = around.iter().copied().fold(f64::MAX, f64::min);
+        let high = around.iter().copied().fold(f64::MIN, f64::max);
         prop_assert!(low - 1e-9 <= room && room <= high + 1e-9, "{} is not between {} and {}", room, low, high);
     }
 

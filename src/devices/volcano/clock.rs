@@ -83,9 +83,8 @@ impl Clock {
                 self.ahead_us = civil_difference_us(set, civil);
             }
             // A start value is where the clock comes from: there the weekday fits the date (VOL-22).
-            match change.origin {
-                Origin::Start => self.weekday_ahead = 0,
-                Origin::Bus | Origin::Panel => self.set_weekday(kept_weekday, civil),
+            if change.origin != Origin::Start {
+                self.set_weekday(kept_weekday, civil);
             }
         }
         if let Some(weekday) = weekday {

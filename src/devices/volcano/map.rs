@@ -1,5 +1,5 @@
-//! The controller's tables: registers, coils, inputs and options, in the order of the manual (VOL-1). Limits that depend
-//! on the unit of temperature or on another register stand here as wide as they ever are; `rules` narrows them.
+//! The controller's tables: registers, coils, inputs and options, in the order of the manual (VOL-1). Limits that
+//! depend on the unit of temperature or on another register stand here as wide as they ever are; `rules` narrows them.
 
 use crate::line::{Line, LineOffer, Parity};
 use crate::map::{Point, Row, coil, command, discrete, holding, input, ro, rw};
@@ -53,6 +53,10 @@ registers! { FAN at holding(12);
     +4 FAN_ADDITIONAL_VOLT: u16 = rw().within(0, 400).unit("V").scale(2).eeprom().cite("VOL-43");
 }
 
+const fn temperature(least: i64, most: i64, factory: i64) -> Row {
+    rw().within(least, most).default(factory).unit("°C/°F").scale(2).eeprom()
+}
+
 registers! { ZONE at holding(17);
     /// Temperature on the display: 0 the target, 1 the room's.
     +0 ZONE_DISPLAYED_TEMP: u16 = rw().within(0, 1).default(1).eeprom().cite("VOL-1");
@@ -67,15 +71,18 @@ registers! { ZONE at holding(17);
     /// Fan in manual mode; 0 to 14 becomes 0. The factory value is 1, as printed.
     +5 ZONE_FAN_SPEED: u16 = rw().within(0, 100).default(1).unit("%").eeprom().cite("VOL-12");
     /// Target, from zone_temperature_min to zone_temperature_max, rounded down to half a degree.
-    +6 ZONE_TEMPERATURE_TARGET: u16 = rw().within(500, 10_400).default(2200).unit("°C/°F").scale(2).eeprom().cite("VOL-10");
-    /// Temperature below which the protection steps in: 200 to 2200 in °C, 3600 to 7200 in °F, rounded down to half a degree.
-    +7 ZONE_TEMPERATURE_ECO: u16 = rw().within(200, 7200).default(1800).unit("°C/°F").scale(2).eeprom().cite("VOL-10");
+    +6 ZONE_TEMPERATURE_TARGET: u16 = temperature(500, 10_400, 2200).cite("VOL-10");
+    /// Temperature below which the protection steps in: 200 to 2200 in °C, 3600 to 7200 in °F, rounded down to half a
+    /// degree.
+    +7 ZONE_TEMPERATURE_ECO: u16 = temperature(200, 7200, 1800).cite("VOL-10");
     /// Hysteresis of the two-state control, the same number in °C and °F, rounded down to half a degree.
-    +8 ZONE_TEMPERATURE_DELTA: u16 = rw().within(50, 200).default(50).unit("°C/°F").scale(2).eeprom().cite("VOL-10");
-    /// Lowest target: 500 to the highest less 500 in °C, 4100 to the highest less 900 in °F, rounded down to half a degree.
-    +9 ZONE_TEMPERATURE_MIN: u16 = rw().within(500, 9500).default(500).unit("°C/°F").scale(2).eeprom().cite("VOL-14");
-    /// Highest target: the lowest and 500 to 4000 in °C, the lowest and 900 to 10400 in °F, rounded down to half a degree.
-    +10 ZONE_TEMPERATURE_MAX: u16 = rw().within(1000, 10_400).default(4000).unit("°C/°F").scale(2).eeprom().cite("VOL-14");
+    +8 ZONE_TEMPERATURE_DELTA: u16 = temperature(50, 200, 50).cite("VOL-10");
+    /// Lowest target: 500 to the highest less 500 in °C, 4100 to the highest less 900 in °F, rounded down to half a
+    /// degree.
+    +9 ZONE_TEMPERATURE_MIN: u16 = temperature(500, 9500, 500).cite("VOL-14");
+    /// Highest target: the lowest and 500 to 4000 in °C, the lowest and 900 to 10400 in °F, rounded down to half a
+    /// degree.
+    +10 ZONE_TEMPERATURE_MAX: u16 = temperature(1000, 10_400, 4000).cite("VOL-14");
 }
 
 const fn minute(factory: i64) -> Row {
@@ -117,7 +124,8 @@ registers! { REGULATION at holding(40);
 registers! { MEASURED at input(0);
     /// Temperature of the room, correction included; -32768 while the sensor in use is broken.
     +0 ZONE_TEMPERATURE_ACTUAL: i16 = ro().unit("°C/°F").scale(2).cite("VOL-40");
-    /// Where the schedule stands: 0 no schedule, 1 first period, 2 between, 3 second period, 4 after it and before the first.
+    /// Where the schedule stands: 0 no schedule, 1 first period, 2 between, 3 second period, 4 after it and before the
+    /// first.
     +1 ZONE_ACTUAL_PROGRAM_STATE: u16 = ro().within(0, 4).cite("VOL-44");
 }
 

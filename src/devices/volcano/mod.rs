@@ -1,5 +1,5 @@
-//! HMI-VOLCANO EC: room controller of a fan heater. A thermostat with a weekly schedule measures a room, opens the valves
-//! of heating and cooling and drives the fan.
+//! HMI-VOLCANO EC: room controller of a fan heater. A thermostat with a weekly schedule measures a room, opens the
+//! valves of heating and cooling and drives the fan.
 
 mod clock;
 pub mod map;

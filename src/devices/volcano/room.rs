@@ -1,5 +1,6 @@
-//! The room behind the controller (VOL-49): one temperature that heating raises, cooling lowers and the outside draws to
-//! itself. Steps of one second on the running clock, so it is the same at every rate and however often it is looked at.
+//! The room behind the controller (VOL-49): one temperature that heating raises, cooling lowers and the outside draws
+//! to itself. Steps of one second on the running clock, so it is the same at every rate and however often it is looked
+//! at.
 
 use super::map::*;
 use super::thermostat::Outputs;

@@ -47,8 +47,7 @@ pub fn shape(txn: &mut Txn) {
     if txn.sent(ZONE_FAN_SPEED).is_some_and(|percent| percent < 15) {
         txn.set(ZONE_FAN_SPEED, 0);
     }
-    let limits_move = txn.touches(ZONE_TEMPERATURE_MIN) || txn.touches(ZONE_TEMPERATURE_MAX);
-    if limits_move && !txn.touches(ZONE_TEMPERATURE_TARGET) {
+    if txn.touches(ZONE_TEMPERATURE_MIN) || txn.touches(ZONE_TEMPERATURE_MAX) {
         let target = within_limits(txn.after, txn.get(ZONE_TEMPERATURE_TARGET));
         txn.set(ZONE_TEMPERATURE_TARGET, target);
     }

@@ -1,5 +1,5 @@
-//! What the controller does about a temperature: two-state control with hysteresis (VOL-41), protection (VOL-45) and the
-//! fan (VOL-43). Knows temperatures as the registers count them, no time and no room.
+//! What the controller does about a temperature: two-state control with hysteresis (VOL-41), protection (VOL-45) and
+//! the fan (VOL-43). Knows temperatures as the registers count them, no time and no room.
 
 use super::map::*;
 use super::rules::is_available;

@@ -107,8 +107,8 @@ fn nearest(number: i32, divisor: i32) -> i32 {
     (2 * number + divisor).div_euclid(2 * divisor)
 }
 
-/// The temperatures as they stood in the other unit, and what they became, so that a change there and back gives the old
-/// ones though half a degree Celsius is coarser than half a degree Fahrenheit (VOL-30).
+/// The temperatures as they stood in the other unit, and what they became, so that a change there and back gives the
+/// old ones though half a degree Celsius is coarser than half a degree Fahrenheit (VOL-30).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Memory {
