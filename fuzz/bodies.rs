@@ -378,7 +378,7 @@ fn unit_here(transcript: &str, unit: u8) -> u8 {
         ["device", model, "at", at, ..] if at.parse() == Ok(unit) => Some(model.to_owned()),
         _ => None,
     });
-    let model = model.last();
+    let model = model.next_back();
     KINDS.iter().position(|kind| Some(kind.name) == model.as_deref()).map_or(unit, |index| index as u8 + 1)
 }
 

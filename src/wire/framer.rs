@@ -154,6 +154,7 @@ fn whole_length(bytes: &[u8], tried: usize, ours: impl Fn(u8) -> bool) -> Option
 }
 
 #[cfg(test)]
+#[allow(clippy::unwrap_used)]
 mod tests {
     use super::*;
     use crate::wire::append_crc;
