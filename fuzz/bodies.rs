@@ -374,7 +374,7 @@ fn transcripts(folder: &Path, texts: &mut Vec<(String, String)>) {
 /// The unit that a device of a transcript has on the bus of all devices; another unit stays what it is.
 fn unit_here(transcript: &str, unit: u8) -> u8 {
     let words = transcript.lines().map(|line| line.split_whitespace().collect::<Vec<_>>());
-    let model = words.filter_map(|words| match words[..] {
+    let mut model = words.filter_map(|words| match words[..] {
         ["device", model, "at", at, ..] if at.parse() == Ok(unit) => Some(model.to_owned()),
         _ => None,
     });
