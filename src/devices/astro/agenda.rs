@@ -45,7 +45,7 @@ pub struct Basis {
     pub place: Place,
     /// When seasons change.
     pub rules: Rules,
-    /// The end of a skipped hour that the clock lives through all the same, having been set into it.
+    /// The end of a skipped hour that the clock runs through all the same.
     pub lived_skip: Option<NaiveDateTime>,
 }
 

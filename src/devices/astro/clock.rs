@@ -47,7 +47,7 @@ pub struct Clock {
     /// The simulation's clock up to which this one has run.
     civil: NaiveDateTime,
     is_summer: bool,
-    /// The end of the skipped hour that the clock was set into, so that it does live through it.
+    /// The end of a skipped hour that the clock runs through all the same: it or the rules were set so.
     lived_skip: Option<NaiveDateTime>,
 }
 
@@ -98,7 +98,7 @@ impl Clock {
         self.is_summer
     }
 
-    /// The end of the skipped hour that the clock was set into.
+    /// The end of a skipped hour that the clock runs through all the same.
     pub fn lived_skip(&self) -> Option<NaiveDateTime> {
         self.lived_skip
     }
@@ -129,16 +129,19 @@ impl Clock {
     }
 
     /// The simulation's clock stands at `civil`, and nobody watched it get there: a start or a jump. The clock is not
-    /// shifted (ASTRO-23), and a shift that lies ahead of the simulation's clock is still to come.
-    pub fn resume(&mut self, civil: NaiveDateTime, seasons: impl Fn(NaiveDateTime) -> Seasons) {
+    /// shifted (ASTRO-23), and a shift that lies ahead of the simulation's clock is still to come. Tells whether there was
+    /// such a one.
+    pub fn resume(&mut self, civil: NaiveDateTime, seasons: impl Fn(NaiveDateTime) -> Seasons) -> bool {
         self.civil = civil;
+        let shifts = self.setting.shifts.len();
         self.setting.shifts.retain(|shift| shift.at <= civil);
         self.place(&seasons(self.local()));
+        self.setting.shifts.len() < shifts
     }
 
     fn place(&mut self, seasons: &Seasons) {
+        self.lived_skip = None;
         self.judge_season(seasons);
-        self.lived_skip = seasons.skipped_to(self.local());
     }
 
     /// Takes the season from the rules, and moves nothing (ASTRO-23).
@@ -147,5 +150,6 @@ impl Clock {
         // Having gone back in this hour, it does not go back again.
         let went_back = self.repeat_left() > TimeDelta::zero() && seasons.is_repeated(local);
         self.is_summer = !went_back && seasons.is_summer(local);
+        self.lived_skip = seasons.skipped_to(local).or(self.lived_skip);
     }
 }

@@ -184,7 +184,13 @@ impl Astro {
             holiday.clock_set(local);
         }
         self.follow_holidays(cx);
-        cx.effects.save = true;
+    }
+
+    /// Goes on from where the simulation's clock stands, after a start or a jump.
+    fn resume(&mut self, cx: &mut Cx) {
+        let rules = Rules::read(cx.regs);
+        cx.effects.save |= self.clock.resume(cx.now.civil, |local| rules.around(local.year()));
+        self.clock_put(cx);
     }
 
     /// Puts relays that are not held where they belong, looks for the next stop and shows it all.
@@ -266,9 +272,7 @@ impl Device for Astro {
     fn power_on(&mut self, cx: &mut Cx) {
         self.is_running = true;
         self.process = None;
-        let rules = Rules::read(cx.regs);
-        self.clock.resume(cx.now.civil, |local| rules.around(local.year()));
-        self.clock_put(cx);
+        self.resume(cx);
         process::count(cx.regs, &self.slots);
         if std::mem::take(&mut self.is_fresh) {
             cx.regs.set(PROGRAM_UPDATE, 1);
@@ -302,9 +306,7 @@ impl Device for Astro {
         if !self.is_running {
             return;
         }
-        let rules = Rules::read(cx.regs);
-        self.clock.resume(cx.now.civil, |local| rules.around(local.year()));
-        self.clock_put(cx);
+        self.resume(cx);
         self.settle(relays::locks(cx.regs), cx);
     }
 
@@ -334,6 +336,7 @@ impl Device for Astro {
         if [RTC_YEAR, RTC_MONTH, RTC_DAY, RTC_HOUR, RTC_MINUTE, RTC_SECOND].iter().any(|point| change.touches(*point)) {
             self.set_clock(change, cx.regs);
             self.clock_put(cx);
+            cx.effects.save = true;
         } else if dst::is_touched(|point| change.touches(point)) {
             self.clock.judge_season(&Rules::read(cx.regs).around(self.clock.local().year()));
         }
