@@ -268,22 +268,13 @@ fn failure_of(names: &HashMap<tokio::task::Id, String>, ended: Ended) -> Option<
 /// A station with the memory of its last run.
 fn station(setup: &Setup, layout: Arc<Layout>, store: Option<&Store>, clock: &SimClock) -> Result<Station, RunError> {
     let saved = store.map(|store| store.images().load(setup)).transpose()?.flatten();
-    let station = Station::new(setup.clone(), layout, saved.as_ref(), clock).map_err(|problems| {
+    Station::new(setup.clone(), layout, saved.as_ref(), clock).map_err(|problems| {
         let device = setup.name.clone();
         match store.filter(|_| saved.is_some()) {
             Some(store) => store.images().refused(&device, problems.join("; ")).into(),
             None => RunError::Device { device, problems },
         }
-    })?;
-    let (is, says) = (station.address(), setup.address);
-    if saved.is_some() && is != says {
-        let name = &setup.name;
-        warn!(
-            "{name} is unit {} at {} as its memory says; devices.toml says unit {} at {} (BUS-14)",
-            is.unit, is.line, says.unit, says.line
-        );
-    }
-    Ok(station)
+    })
 }
 
 /// Writes the images of all devices of a bus, so that a folder that takes none is found out before anything runs.
