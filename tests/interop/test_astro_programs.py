@@ -76,8 +76,8 @@ def test_astro_61_to_70_a_program_is_listed_added_changed_and_deleted(astro: tup
     assert words(bench, 0x82, 1) == [0]
 
     assert said(bench, "add", "B", "on", "sunset-2:00", "mon-sat") == "added to slot 5\n"
-    # The manual's example 3, with ON for its OFF: settings 0b1001, offset -120, days 0b0011_1111.
-    assert words(bench, 0x80, 14) == [capacity, 5, 1, 1, 2, 4, 5, 0b1001, 0, 0, 0, 0x10000 - 120, 0b0011_1111, 0]
+    # The order is the last slot that was read. The manual's example 3, with ON for its OFF: settings 0b1001, offset -120, days 0b0011_1111.
+    assert words(bench, 0x80, 14) == [capacity, 5, 1, 4, 2, 4, 5, 0b1001, 0, 0, 0, 0x10000 - 120, 0b0011_1111, 0]
     listed = said(bench, "list")
     assert "  5: relay B on  at sunset-2:00   mon,tue,wed,thu,fri,sat\n5 of" in listed
 
