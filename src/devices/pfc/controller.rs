@@ -7,6 +7,9 @@ use super::map::STEPS;
 /// rounding, and rounding must never make it hunt.
 const CLOSER_MVAR: i64 = 1000;
 
+/// Sums closer to each other than this are alike: they differ by the rounding of their parts.
+const ALIKE_MVAR: i64 = 100;
+
 /// A step that could be switched towards the target.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Move {
@@ -52,6 +55,16 @@ struct Sum {
     moves: u32,
 }
 
+impl Sum {
+    fn with(&self, other: &Self) -> Self {
+        Self { total: self.total + other.total, moves: self.moves | other.moves }
+    }
+
+    fn size(&self) -> u32 {
+        self.moves.count_ones()
+    }
+}
+
 /// The steps whose switching brings the total closest to the target. `error_mvar` is the total minus the target, without
 /// the reactors; these can absorb `reach_mvar` of what is over-compensated. All moves lead towards the target, so that
 /// each of the plan, in whatever order, brings the total closer. `None` where nothing would.
@@ -86,30 +99,32 @@ fn closest(aim: &Aim, end: i64, moves: &[Move]) -> Option<Sum> {
     let middle = moves.len() / 2;
     let left = sums(moves, 0..middle, end);
     let right = sums(moves, middle..moves.len(), end);
-    let rank = |sum: &Sum| (aim.distance(sum.total), (sum.total - aim.ideal).abs(), sum.moves.count_ones());
-    let mut best: Option<Sum> = None;
+    let mut nearest: Vec<Sum> = Vec::with_capacity(2 * left.len());
     let mut above = right.len();
     for mine in &left {
         while above > 0 && mine.total + right[above - 1].total >= aim.ideal {
             above -= 1;
         }
         let partners = right[above.saturating_sub(1)..(above + 1).min(right.len())].iter();
-        for theirs in partners {
-            let sum = Sum { total: mine.total + theirs.total, moves: mine.moves | theirs.moves };
-            if best.as_ref().is_none_or(|best| rank(&sum) < rank(best)) {
-                best = Some(sum);
-            }
-        }
+        nearest.extend(partners.map(|theirs| mine.with(theirs)));
     }
-    best
+    keep_least(&mut nearest, |sum| aim.distance(sum.total));
+    keep_least(&mut nearest, |sum| (sum.total - aim.ideal).abs());
+    nearest.into_iter().min_by_key(Sum::size)
 }
 
-/// All different sums below `end` of some moves, ascending, each by as few moves as possible.
+/// Keeps the sums whose measure is the least, or alike.
+fn keep_least(sums: &mut Vec<Sum>, measure: impl Fn(&Sum) -> i64) {
+    let least = sums.iter().map(&measure).min().unwrap_or(0);
+    sums.retain(|sum| measure(sum) < least + ALIKE_MVAR);
+}
+
+/// All sums below `end` of some moves, ascending; of those that are alike the one of the fewest moves.
 fn sums(moves: &[Move], range: std::ops::Range<usize>, end: i64) -> Vec<Sum> {
     let mut sums = vec![Sum { total: 0, moves: 0 }];
     for index in range {
-        let with = |sum: &Sum| Sum { total: sum.total + moves[index].effect_mvar, moves: sum.moves | 1 << index };
-        let more: Vec<Sum> = sums.iter().map(with).take_while(|sum| sum.total < end).collect();
+        let one = Sum { total: moves[index].effect_mvar, moves: 1 << index };
+        let more: Vec<Sum> = sums.iter().map(|sum| sum.with(&one)).take_while(|sum| sum.total < end).collect();
         sums = merged(&sums, &more);
     }
     sums
@@ -120,13 +135,15 @@ fn merged(a: &[Sum], b: &[Sum]) -> Vec<Sum> {
     let (mut a, mut b) = (a.iter().peekable(), b.iter().peekable());
     loop {
         let next = match (a.peek(), b.peek()) {
-            (Some(x), Some(y)) if (x.total, x.moves.count_ones()) <= (y.total, y.moves.count_ones()) => a.next(),
-            (_, Some(_)) => b.next(),
+            (Some(x), Some(y)) if x.total > y.total => b.next(),
+            (None, _) => b.next(),
             _ => a.next(),
         };
         let Some(next) = next else { return merged };
-        if merged.last().is_none_or(|last| last.total != next.total) {
-            merged.push(*next);
+        match merged.last_mut().filter(|last| next.total - last.total < ALIKE_MVAR) {
+            None => merged.push(*next),
+            Some(last) if next.size() < last.size() => *last = *next,
+            Some(_) => {}
         }
     }
 }
