@@ -145,16 +145,18 @@ def steps(get: dict[str, float]) -> Iterator[str]:
     yield f"{'':>4} {'':5} {'power':>12}  {'type':10} {'connection':10} {'control':10} {'switched':>9} {'hours in':>11}"
     unused = []
     for step in range(1, 25):
-        of = lambda what: get[f"step_{step}_{what}"]  # noqa: E731
-        power = of("power_whole") + of("power_decimals")
-        if power == 0 and not get[f"step_{step}"] and of("switch_count") == 0:
+        name = f"step_{step}"
+        power = get[f"{name}_power_whole"] + get[f"{name}_power_decimals"]
+        switched = int(get[f"{name}_switch_count"])
+        if power == switched == 0:
             unused.append(str(step))
             continue
-        yield (
-            f"{step:>4} {'■ in' if get[f'step_{step}'] else '□ out':5} {power:>7.2f} kvar"
-            f"  {'capacitive' if of('type') else 'inductive':10} {CONNECTION[int(of('connection'))]:10}"
-            f" {STATUS[int(of('status'))]:10} {of('switch_count'):>9.0f} {of('hours_in'):>11.3f}"
-        )
+        state = "■ in" if get[name] else "□ out"
+        kind = "capacitive" if get[f"{name}_type"] else "inductive"
+        connection = CONNECTION[int(get[f"{name}_connection"])]
+        status = STATUS[int(get[f"{name}_status"])]
+        hours = get[f"{name}_hours_in"]
+        yield f"{step:>4} {state:5} {power:>7.2f} kvar  {kind:10} {connection:10} {status:10} {switched:>9} {hours:>11.3f}"
     if unused:
         yield f"not used: {', '.join(unused)}"
 
@@ -194,10 +196,12 @@ def events(get: dict[str, float]) -> Iterator[str]:
     for event, kind in enumerate(kinds, start=1):
         if kind == 0:
             continue
-        of = lambda what: int(get[f"event_{event}_{what}"])  # noqa: E731
-        when = f"20{of('year'):02}-{of('month'):02}-{of('day'):02} {of('hour'):02}:{of('minute'):02}:{of('second'):02}"
-        value = f"{get[f'event_{event}_value']:.3f} {EVENT_UNITS[kind]}" if EVENT_UNITS[kind] else ""
-        phase = f"phase {'-ABC'[of('phase')]}" if of("phase") else ""
+        name = f"event_{event}"
+        time = [int(get[f"{name}_{part}"]) for part in ("year", "month", "day", "hour", "minute", "second")]
+        when = "20{:02}-{:02}-{:02} {:02}:{:02}:{:02}".format(*time)
+        value = f"{get[f'{name}_value']:.3f} {EVENT_UNITS[kind]}" if EVENT_UNITS[kind] else ""
+        number = int(get[f"{name}_phase"])
+        phase = f"phase {'-ABC'[number]}" if number else ""
         yield f"{when}  {EVENTS[kind]:20} {value:>13}  {phase}".rstrip()
 
 
