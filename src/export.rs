@@ -207,7 +207,8 @@ fn option(row: &OptionRow) -> OptionModel {
     OptionModel { name: row.name, about: row.about, allowed: row.range.allowed(), default, clause: row.cite }
 }
 
-const fn access(row: &Row) -> &'static str {
+/// What the bus may do with a row: `read`, `read-write` or `command`.
+pub const fn access(row: &Row) -> &'static str {
     match row.access {
         Access::Read => "read",
         Access::ReadWrite => "read-write",

@@ -24,8 +24,8 @@ const LAYERS: &[&[&str]] = &[
     &["config", "journal"],
     &["export"],
     &["store"],
-    &["io"],
-    &["ctl", "http"],
+    &["http", "io"],
+    &["ctl"],
     &["cli"],
     &["main"],
 ];

@@ -78,15 +78,25 @@ impl Bus {
         self.moment(now)
     }
 
-    /// Lets the clock run again at `rate`, from the moment `from`, which is not before the one at which it was held:
-    /// what lies between happens now. `from.elapsed` is not after `now`.
+    /// Brings a clock that is held to the moment `at`, which is not before its own: what lies between happens now.
+    /// `at.elapsed` is not after `now`.
+    pub fn align(&mut self, now: Instant, at: Moment) {
+        self.anchor(now, at, 0.0);
+    }
+
+    /// Lets a clock that is held run again at `rate` from the moment `from`, as [`Bus::align`] does.
     pub fn resume(&mut self, now: Instant, from: Moment, rate: f64) {
+        self.segment.held_rate = None;
+        self.anchor(now, from, rate);
+    }
+
+    fn anchor(&mut self, now: Instant, from: Moment, rate: f64) {
         self.live_to(now);
         let segment = &mut self.segment;
-        segment.held_rate = None;
         let behind_us = from.running_us - segment.clock.at(segment.now).running_us;
         if behind_us > 0 {
             segment.clock.advance(segment.now, behind_us);
+            segment.live_to(segment.now);
         }
         let anchor = Moment { elapsed: segment.inner(from.elapsed), ..from };
         segment.clock = SimClock::anchored(anchor, rate);

@@ -2,6 +2,7 @@
 
 use std::collections::HashMap;
 use std::io::{self, Write};
+use std::net::SocketAddr;
 use std::os::unix::process::parent_id;
 use std::sync::Arc;
 use std::time::Duration;
@@ -16,7 +17,8 @@ use super::report::{BusReport, DeviceReport, Report};
 use super::task::{BusHandle, BusTask, Watcher};
 use super::trace;
 use crate::bus::{Bus, Output};
-use crate::config::{BusConfig, Config};
+use crate::config::{BusConfig, Config, Control};
+use crate::http::Server;
 use crate::image::Layout;
 use crate::station::{Setup, Station};
 use crate::store::{Store, StoreError};
@@ -53,6 +55,14 @@ pub enum RunError {
         device: String,
         /// What is wrong, a line each.
         problems: Vec<String>,
+    },
+    /// The control interface cannot listen.
+    #[error("[control] listen = \"{listen}\": {source}")]
+    Control {
+        /// Where it was to listen.
+        listen: SocketAddr,
+        /// Why.
+        source: io::Error,
     },
     /// Memory cannot be kept or read.
     #[error(transparent)]
@@ -185,17 +195,23 @@ impl Bench {
                 keep_first(bus, store)?;
             }
         }
+        let bind = |control: &Control| {
+            Server::bind(control).map_err(|source| RunError::Control { listen: control.listen, source })
+        };
+        let mut control = config.control.as_ref().map(bind).transpose()?;
         let mut bench = Self { handles: Vec::new(), tasks: JoinSet::new(), names: HashMap::new() };
         let mut reports = Vec::new();
         let mut tasks = Vec::new();
-        for (plan, bus) in config.buses.iter().zip(buses) {
+        for (plan, mut bus) in config.buses.iter().zip(buses) {
+            bus.observe(options.trace);
             let devices = bus.stations().iter().map(|station| DeviceReport {
                 name: station.name().into(),
                 model: station.kind().name,
                 unit: station.address().unit,
             });
             let devices = devices.collect();
-            let watchers: Vec<Watcher> = options.trace.then(trace::watcher).into_iter().collect();
+            let mut watchers: Vec<Watcher> = options.trace.then(trace::watcher).into_iter().collect();
+            watchers.extend(control.as_mut().map(|control| control.attach(&mut bus)));
             let (task, handle) = open(plan, bus, store.clone(), clock, watchers)?;
             reports.push(BusReport::new(&handle, plan.settings, devices));
             bench.handles.push(handle);
@@ -205,7 +221,12 @@ impl Bench {
             let id = bench.tasks.spawn(task.run()).id();
             bench.names.insert(id, handle.name.clone());
         }
-        let report = Report { ready: true, buses: reports, control: None };
+        let url = control.as_ref().map(Server::url);
+        if let Some(control) = control {
+            let failed = |source| RunError::System { what: "the control interface cannot start", source };
+            control.start(&bench.handles).map_err(failed)?;
+        }
+        let report = Report { ready: true, buses: reports, control: url };
         let text = if options.json { report.json() } else { report.text() };
         let mut out = io::stdout().lock();
         let told = out.write_all(text.as_bytes()).and_then(|()| out.flush());

@@ -108,7 +108,6 @@ impl BusTask {
             paths.push((plan.clone(), slot.path().unwrap_or_default()));
             slots.push(slot);
         }
-        bus.observe(!watchers.is_empty());
         let (sender, messages) = mpsc::channel(COMMANDS_MAX);
         let handle = BusHandle { name: bus.name().into(), ports: paths, sender };
         let alarm = Alarm::new().map_err(|error| (None, error))?;
