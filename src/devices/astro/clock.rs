@@ -116,8 +116,9 @@ impl Clock {
     /// Goes forward or back at a change that it has reached (ASTRO-20).
     pub fn change_season(&mut self, change: Change) {
         self.is_summer = change.to_summer;
-        if self.setting.shifts.len() == SHIFTS_MAX {
-            self.setting.difference_us += self.setting.shifts.remove(0).us();
+        if self.setting.shifts.len() >= SHIFTS_MAX {
+            let oldest = self.setting.shifts.remove(0);
+            self.setting.difference_us = self.setting.difference_us.saturating_add(oldest.us());
         }
         self.setting.shifts.push(Shift { at: self.civil, forward: change.to_summer });
     }
