@@ -163,10 +163,14 @@ def number(form: str, words: list[int], scale: int) -> int:
             return signed[0] << 16 | words[1]
         case "whole+decimals":
             return signed[0] * int(10**scale) + signed[1]
+        case "unsigned whole+decimals":
+            return words[0] * int(10**scale) + words[1]
         case "10000s+rest":
             return words[0] * 10_000 + words[1]
-        case _:
+        case "bit" | "u16":
             return words[0]
+        case _:
+            raise ValueError(f"{form} is a format that this script does not know")
 
 
 if __name__ == "__main__":

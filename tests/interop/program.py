@@ -79,9 +79,25 @@ class Standin:
             self.process.stdout.close()
         return self.process.returncode
 
+    def settle(self) -> None:
+        """Waits until it has heard of all that happened on its ports, a client's close among it.
+
+        A client that opens a pty before that can meet what the last one left there: the kernel tells of a close at once,
+        but the program has to be given the CPU to act on it.
+        """
+        time.sleep(0.05)
+        end = time.monotonic() + PATIENCE_S
+        while self._stat()[0] != "S":
+            assert time.monotonic() < end, "it is never at rest"
+            time.sleep(0.005)
+
+    def _stat(self) -> list[str]:
+        """The kernel's words on the process, from its state on."""
+        return Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+
     def cpu_s(self) -> float:
         """CPU time that it has used, in seconds."""
-        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+        fields = self._stat()
         return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
     def open_files(self) -> int:

@@ -47,7 +47,7 @@ def test_bus_11_every_register_is_read_by_name(four: Standin) -> None:
         assert len(found[name]) == count, name
     assert found["yard"]["product_code"] == "88294"
     assert found["yard"]["rtc_year"] == "14"
-    assert found["yard"]["utc_offset_minutes"] == "120"
+    assert found["yard"]["utc_offset_minutes"] == "120 min"
     assert found["charger"]["ac_voltage"] == "230 V"
     assert found["charger"]["charge_voltage_limit"] == "27.5 V"
     assert found["charger"]["relay3_battery_contactor"] == "1"
