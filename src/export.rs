@@ -219,7 +219,7 @@ pub const fn access(row: &Row) -> &'static str {
 const fn keep(row: &Row) -> &'static str {
     match row.keep {
         Keep::Ram => "ram",
-        Keep::Eeprom => "eeprom",
+        Keep::Eeprom | Keep::Device => "eeprom",
     }
 }
 

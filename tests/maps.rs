@@ -133,7 +133,7 @@ fn differences(line: &Line, member: Member, word: u16) -> Vec<String> {
         compare("the range", &hull(line.range), range_of(member));
     }
     compare("the factory value", line.factory, row.default_of(member.index).to_string());
-    compare("EEPROM", line.eeprom, if row.keep == Keep::Eeprom { "yes".into() } else { "no".into() });
+    compare("EEPROM", line.eeprom, if row.keep != Keep::Ram { "yes".into() } else { "no".into() });
     found
 }
 

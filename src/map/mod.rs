@@ -58,6 +58,8 @@ pub enum Keep {
     Ram,
     /// Kept in EEPROM.
     Eeprom,
+    /// Kept in EEPROM, by what the device itself saves: the row only shows it.
+    Device,
 }
 
 /// One line of a register table, or a group of `count` such lines `stride` addresses apart.
@@ -186,6 +188,12 @@ impl Row {
     /// Kept in EEPROM.
     pub const fn eeprom(mut self) -> Self {
         self.keep = Keep::Eeprom;
+        self
+    }
+
+    /// Kept in EEPROM by what the device itself saves, for numbers whose digits an option changes or that a row cuts.
+    pub const fn kept_by_device(mut self) -> Self {
+        self.keep = Keep::Device;
         self
     }
 

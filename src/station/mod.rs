@@ -369,7 +369,7 @@ impl Station {
         for (offset, word) in words.iter().flatten().take(usize::from(member.row.words())).enumerate() {
             self.live.regs.set_word(member.row.bank, member.addr() + offset as u16, *word);
         }
-        self.unsaved |= words.is_some() && member.row.keep == Keep::Eeprom;
+        self.unsaved |= words.is_some() && member.row.keep != Keep::Ram;
         words.is_some()
     }
 }
