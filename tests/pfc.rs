@@ -472,3 +472,16 @@ fn pfc_11_a_day_of_24_steps_and_a_load_that_moves_every_second() {
     assert!(switchings > 100, "{switchings}");
     assert_eq!(bench.get("active_energy_total"), 120_000);
 }
+
+#[test]
+fn pfc_20_full_meters_are_kept_whatever_the_digits() {
+    let plan = |digits| Plan::of(MODEL, 1).option("decimal_digits.note3", OptionValue::Integer(digits));
+    let mut bench = plan(4).register("compensation", 0).start();
+    bench.force("active_energy_total", 655_359_999);
+    let saved = image(&mut bench);
+    let mut bench = plan(0).start_with(&[Some(saved)]);
+    assert_eq!(bench.read(1, 4, 544, 2).unwrap(), [65_535, 0]);
+    let saved = image(&mut bench);
+    let mut bench = plan(4).start_with(&[Some(saved)]);
+    assert_eq!(bench.read(1, 4, 544, 2).unwrap(), [65_535, 9_999]);
+}

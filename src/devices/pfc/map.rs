@@ -169,7 +169,7 @@ registers! { SWITCH_COUNTS at input(442).repeat(24, 2);
 
 registers! { HOURS at input(490).repeat(24, 2);
     /// How long the step was connected.
-    +0 STEP_N_HOURS_IN: Pair = ro().unit("h").scale(3).eeprom().cite("PFC-1, PFC-14");
+    +0 STEP_N_HOURS_IN: Pair = ro().unit("h").scale(3).kept_by_device().cite("PFC-1, PFC-14");
 }
 
 registers! { ENERGIES at input(538);
@@ -186,7 +186,7 @@ registers! { ENERGIES at input(538);
     /// Unusable, reads 0.
     +5 UNUSABLE_543: u16 = ro().cite("PFC-1");
     /// Active energy taken.
-    +6 ACTIVE_ENERGY_TOTAL: Pair = ro().unit("kWh").scale(3).eeprom().cite("PFC-1, PFC-15");
+    +6 ACTIVE_ENERGY_TOTAL: Pair = ro().unit("kWh").scale(3).kept_by_device().cite("PFC-1, PFC-15");
     /// Unusable, reads 0.
     +8 UNUSABLE_546: u16 = ro().cite("PFC-1");
     /// Unusable, reads 0.
@@ -200,7 +200,7 @@ registers! { ENERGIES at input(538);
     /// Unusable, reads 0.
     +13 UNUSABLE_551: u16 = ro().cite("PFC-1");
     /// Inductive reactive energy.
-    +14 INDUCTIVE_ENERGY_TOTAL: Pair = ro().unit("kvarh").scale(3).eeprom().cite("PFC-1, PFC-15");
+    +14 INDUCTIVE_ENERGY_TOTAL: Pair = ro().unit("kvarh").scale(3).kept_by_device().cite("PFC-1, PFC-15");
     /// Unusable, reads 0.
     +16 UNUSABLE_554: u16 = ro().cite("PFC-1");
     /// Unusable, reads 0.
@@ -214,7 +214,7 @@ registers! { ENERGIES at input(538);
     /// Unusable, reads 0.
     +21 UNUSABLE_559: u16 = ro().cite("PFC-1");
     /// Capacitive reactive energy.
-    +22 CAPACITIVE_ENERGY_TOTAL: Pair = ro().unit("kvarh").scale(3).eeprom().cite("PFC-1, PFC-15");
+    +22 CAPACITIVE_ENERGY_TOTAL: Pair = ro().unit("kvarh").scale(3).kept_by_device().cite("PFC-1, PFC-15");
     /// Unusable, reads 0.
     +24 UNUSABLE_562: u16 = ro().cite("PFC-1");
     /// Unusable, reads 0.
@@ -248,23 +248,23 @@ registers! { ENERGIES at input(538);
 registers! { LOG at input(578).repeat(8, 10);
     /// Kind of the event, 1 being the newest: 0 none, 1 overvoltage, 2 undervoltage, 3 overcurrent, 4 harmonic
     /// distortion, 5 high temperature, 6 digital input, 7 power loss.
-    +0 EVENT_N_KIND: u16 = ro().eeprom().cite("PFC-1, PFC-17");
+    +0 EVENT_N_KIND: u16 = ro().kept_by_device().cite("PFC-1, PFC-17");
     /// The measured value that was out of its limit.
-    +1 EVENT_N_VALUE: Pair = ro().scale(3).eeprom().cite("PFC-1, PFC-16");
+    +1 EVENT_N_VALUE: Pair = ro().scale(3).kept_by_device().cite("PFC-1, PFC-16");
     /// Its phase: 0 none, 1 A, 2 B, 3 C.
-    +3 EVENT_N_PHASE: u16 = ro().eeprom().cite("PFC-1, PFC-16");
+    +3 EVENT_N_PHASE: u16 = ro().kept_by_device().cite("PFC-1, PFC-16");
     /// Day of the event.
-    +4 EVENT_N_DAY: u16 = ro().eeprom().cite("PFC-1, PFC-17");
+    +4 EVENT_N_DAY: u16 = ro().kept_by_device().cite("PFC-1, PFC-17");
     /// Month of the event.
-    +5 EVENT_N_MONTH: u16 = ro().eeprom().cite("PFC-1, PFC-17");
+    +5 EVENT_N_MONTH: u16 = ro().kept_by_device().cite("PFC-1, PFC-17");
     /// Year of the event, 0 being 2000.
-    +6 EVENT_N_YEAR: u16 = ro().eeprom().cite("PFC-1, PFC-17");
+    +6 EVENT_N_YEAR: u16 = ro().kept_by_device().cite("PFC-1, PFC-17");
     /// Second of the event.
-    +7 EVENT_N_SECOND: u16 = ro().eeprom().cite("PFC-1, PFC-17");
+    +7 EVENT_N_SECOND: u16 = ro().kept_by_device().cite("PFC-1, PFC-17");
     /// Minute of the event.
-    +8 EVENT_N_MINUTE: u16 = ro().eeprom().cite("PFC-1, PFC-17");
+    +8 EVENT_N_MINUTE: u16 = ro().kept_by_device().cite("PFC-1, PFC-17");
     /// Hour of the event.
-    +9 EVENT_N_HOUR: u16 = ro().eeprom().cite("PFC-1, PFC-17");
+    +9 EVENT_N_HOUR: u16 = ro().kept_by_device().cite("PFC-1, PFC-17");
 }
 
 registers! { STEP_SETTINGS at holding(1).repeat(24, 8);
