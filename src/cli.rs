@@ -13,6 +13,7 @@ use tracing_subscriber::EnvFilter;
 use crate::config::{
     Config, ConfigError, DEFAULT_FILE, EXAMPLE, Overrides, Start, parse_address, parse_rate, parse_start,
 };
+use crate::ctl::{self, CtlArgs, Failed};
 use crate::device::Kind;
 use crate::devices::{KINDS, kind};
 use crate::export;
@@ -88,6 +89,8 @@ struct RunArgs {
 enum Command {
     /// Run the buses of a configuration until a signal ends it.
     Run(RunArgs),
+    /// Ask a running program for something: time, inputs, faults, the journal.
+    Ctl(CtlArgs),
     /// List, show or reset what devices keep in EEPROM.
     #[command(after_help = "\
 Examples:
@@ -182,6 +185,13 @@ pub fn main() -> ExitCode {
     match cli.command.unwrap_or(Command::Run(cli.run)) {
         Command::Run(args) => run(args),
         Command::Memory { command, state, config } => memory(&command, state, &config),
+        Command::Ctl(args) => match ctl::run(args) {
+            Ok(text) => print(&text),
+            Err(Failed(words)) => {
+                complain(&format!("error: {words}"));
+                ExitCode::FAILURE
+            }
+        },
         Command::Check { config } => check(&config),
         Command::Registers { model, format } => print(&match format {
             Format::Table => export::table(model),

@@ -6,6 +6,7 @@
 pub mod bus;
 pub mod cli;
 pub mod config;
+pub mod ctl;
 pub mod device;
 pub mod devices;
 pub mod export;

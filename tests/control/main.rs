@@ -3,6 +3,7 @@
 
 mod access;
 mod clock;
+mod ctl;
 mod devices;
 mod events;
 mod faults;
