@@ -21,6 +21,9 @@ pub struct Setting {
     difference_us: i64,
     /// What the seasons have moved it by since.
     shifts: Vec<Shift>,
+    /// The end of a skipped hour that the clock runs through all the same: it or the rules were set so.
+    #[serde(default)]
+    lived_skip: Option<NaiveDateTime>,
 }
 
 /// A change of season that the running clock has come to.
@@ -47,13 +50,11 @@ pub struct Clock {
     /// The simulation's clock up to which this one has run.
     civil: NaiveDateTime,
     is_summer: bool,
-    /// The end of a skipped hour that the clock runs through all the same: it or the rules were set so.
-    lived_skip: Option<NaiveDateTime>,
 }
 
 impl Default for Clock {
     fn default() -> Self {
-        Self { setting: Setting::default(), civil: earliest(), is_summer: false, lived_skip: None }
+        Self { setting: Setting::default(), civil: earliest(), is_summer: false }
     }
 }
 
@@ -100,7 +101,7 @@ impl Clock {
 
     /// The end of a skipped hour that the clock runs through all the same.
     pub fn lived_skip(&self) -> Option<NaiveDateTime> {
-        self.lived_skip
+        self.setting.lived_skip
     }
 
     /// The simulation's clock when this one will show `local`, if no season changes on the way.
@@ -125,24 +126,22 @@ impl Clock {
 
     /// Is set by the user.
     pub fn set(&mut self, local: NaiveDateTime, seasons: &Seasons) {
-        self.setting = Setting { difference_us: civil_difference_us(local, self.civil), shifts: Vec::new() };
-        self.place(seasons);
+        self.setting = Setting { difference_us: civil_difference_us(local, self.civil), ..Setting::default() };
+        self.judge_season(seasons);
     }
 
     /// The simulation's clock stands at `civil`, and nobody watched it get there: a start or a jump. The clock is not
-    /// shifted (ASTRO-23), and a shift that lies ahead of the simulation's clock is still to come. Tells whether there was
-    /// such a one.
+    /// shifted (ASTRO-23), and a shift that lies ahead of the simulation's clock is still to come. Tells whether what is to
+    /// be kept has changed.
     pub fn resume(&mut self, civil: NaiveDateTime, seasons: impl Fn(NaiveDateTime) -> Seasons) -> bool {
         self.civil = civil;
-        let shifts = self.setting.shifts.len();
+        let before = self.setting.clone();
         self.setting.shifts.retain(|shift| shift.at <= civil);
-        self.place(&seasons(self.local()));
-        self.setting.shifts.len() < shifts
-    }
-
-    fn place(&mut self, seasons: &Seasons) {
-        self.lived_skip = None;
-        self.judge_season(seasons);
+        let local = self.local();
+        // An hour that was run through stays so, and one that lies ahead again is to be skipped.
+        self.setting.lived_skip = self.setting.lived_skip.filter(|end| *end <= local);
+        self.judge_season(&seasons(local));
+        self.setting != before
     }
 
     /// Takes the season from the rules, and moves nothing (ASTRO-23).
@@ -151,6 +150,6 @@ impl Clock {
         // Having gone back in this hour, it does not go back again.
         let went_back = self.repeat_left() > TimeDelta::zero() && seasons.is_repeated(local);
         self.is_summer = !went_back && seasons.is_summer(local);
-        self.lived_skip = seasons.skipped_to(local).or(self.lived_skip);
+        self.setting.lived_skip = seasons.skipped_to(local).or(self.setting.lived_skip);
     }
 }
