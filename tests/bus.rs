@@ -163,6 +163,66 @@ fn bus_17_wire_timing_takes_the_line_s_time() {
 }
 
 #[test]
+fn bus_15_devices_that_hear_different_speeds_do_not_collide() {
+    let mut plan = trc().device("logiccon-trc", 5);
+    plan.settings.line_check = LineCheck::Enforce;
+    let mut bench = plan.start();
+    let door = bench.door;
+    bench.bus.line_seen(door, 9600, 2);
+    // The second moves to 19200, then to the first one's unit.
+    assert_eq!(bench.write(5, 1, 4), 0);
+    bench.bus.line_seen(door, 19_200, 2);
+    assert_eq!(bench.write(5, 0, 4), 0);
+    assert_eq!(bench.read(4, 3, 1, 1), Ok(vec![4]));
+    bench.bus.line_seen(door, 9600, 2);
+    assert_eq!(bench.read(4, 3, 1, 1), Ok(vec![2]));
+    // Broadcasts reach only who hears them.
+    bench.send(&framed(&[0, 6, 0, 11, 0, 40]));
+    assert_eq!(bench.read(4, 3, 11, 1), Ok(vec![40]));
+    bench.bus.line_seen(door, 19_200, 2);
+    assert_eq!(bench.read(4, 3, 11, 1), Ok(vec![30]));
+}
+
+#[test]
+fn bus_16_a_device_that_hears_nothing_is_silent_about_damage_too() {
+    let mut plan = trc();
+    plan.settings.line_check = LineCheck::Enforce;
+    let mut bench = plan.start();
+    let door = bench.door;
+    bench.bus.line_seen(door, 19_200, 2);
+    bench.send(&[4, 3, 0, 5, 0, 2, 0, 0]);
+    assert_eq!(bench.hear(), None);
+    bench.bus.line_seen(door, 9600, 2);
+    bench.send(&[4, 3, 0, 5, 0, 2, 0, 0]);
+    assert_eq!(bench.hear(), Some(framed(&[4, 0x83, 3])));
+}
+
+#[test]
+fn bus_17_a_write_of_the_baud_is_answered_at_the_old_speed() {
+    let mut plan = trc();
+    plan.settings.timing = Timing::Wire;
+    let mut bench = plan.start();
+    // 9600 baud 8N2: 8 characters, 3.5 of silence, 8 of the echo, 11 bits each: 22.344 ms.
+    assert_eq!(bench.write(4, 1, 4), 0);
+    assert!(bench.now.0.abs_diff(22_344) <= 1, "{} us", bench.now.0);
+    // Then 19200: 8, 3.5 and 7 characters: 10.599 ms more.
+    assert_eq!(bench.read(4, 3, 1, 1), Ok(vec![4]));
+    assert!(bench.now.0.abs_diff(22_344 + 10_599) <= 1, "{} us", bench.now.0);
+}
+
+#[test]
+fn bus_17_characters_have_ten_bits_without_parity_and_eleven_with_it() {
+    for (parity, bits) in [(Parity::None, 10.0), (Parity::Even, 11.0), (Parity::Odd, 11.0)] {
+        let mut plan = Plan::of("logiccon-pfc24s-tcr", 4).line(Line { baud: 57_600, parity, stop_bits: 1 });
+        plan.settings.timing = Timing::Wire;
+        let mut bench = plan.start();
+        assert_eq!(bench.read(4, 3, 244, 1), Ok(vec![5]));
+        let wanted_us = 18.5 * bits * 1e6 / 57_600.0;
+        assert!((bench.now.0 as f64 - wanted_us).abs() <= 1.0, "{} us, wanted {wanted_us}", bench.now.0);
+    }
+}
+
+#[test]
 fn bus_19_a_write_that_cannot_be_kept_is_answered_04_and_not_done() {
     let mut bench = trc().start();
     bench.bus.keep_memory();

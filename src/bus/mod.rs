@@ -362,7 +362,7 @@ impl Bus {
     }
 
     fn silence(door: &mut Door, segment: &mut Segment) {
-        let (id, kind) = (door.id, door.kind);
+        let (from, seen) = ((door.id, door.kind), door.seen);
         let (bytes, overlong) = match door.framer.silence() {
             Some(Frame::Damaged(bytes)) => (bytes, false),
             Some(Frame::Overlong(bytes)) => (bytes, true),
@@ -370,7 +370,7 @@ impl Bus {
         };
         segment.counters.bad_frames += 1;
         segment.counters.dropped_bytes += bytes.len() as u64;
-        if overlong || !segment.damaged(id, kind, bytes) {
+        if overlong || !segment.damaged(from, seen, bytes) {
             segment.report_damaged(bytes);
         }
     }

@@ -93,9 +93,9 @@ impl Segment {
     }
 
     /// Takes bytes that silence ended and that are no frame (BUS-4); `false` when nobody answers them.
-    pub(super) fn damaged(&mut self, door: DoorId, kind: DoorKind, bytes: &[u8]) -> bool {
-        let Route::One(index) = self.routes[usize::from(bytes.first().copied().unwrap_or(0))] else { return false };
-        if bytes.len() < 4 || crc16(bytes) == 0 {
+    pub(super) fn damaged(&mut self, (door, kind): (DoorId, DoorKind), seen: Option<(u32, u8)>, bytes: &[u8]) -> bool {
+        let Route::One(index) = self.answering(bytes.first().copied().unwrap_or(0), seen) else { return false };
+        if bytes.len() < 4 || crc16(bytes) == 0 || !self.hears(index, seen) {
             return false;
         }
         self.stations[index].advance(&self.clock, self.now);

@@ -255,7 +255,7 @@ impl Segment {
         if heard.unit == 0 {
             return self.broadcast(heard);
         }
-        match self.routes[usize::from(heard.unit)] {
+        match self.answering(heard.unit, heard.seen) {
             Route::Nobody => {
                 let dark = self.stations.iter().position(|station| station.address().unit == heard.unit);
                 let reason = match dark {
@@ -380,8 +380,30 @@ impl Segment {
         self.route();
     }
 
+    /// Who answers a unit to a client: replies of two stations collide only where both hear it (BUS-15, BUS-16).
+    pub(super) fn answering(&self, unit: u8, seen: Option<(u32, u8)>) -> Route {
+        let route = self.routes[usize::from(unit)];
+        if route != Route::Several {
+            return route;
+        }
+        let mut hearing = (0..self.stations.len()).filter(|index| {
+            let station = &self.stations[*index];
+            station.is_listening() && station.address().unit == unit && self.hears(*index, seen)
+        });
+        match (hearing.next(), hearing.next()) {
+            (Some(only), None) => Route::One(only),
+            _ => route,
+        }
+    }
+
     /// Whether a station hears a client (BUS-16). Only the baud rate keeps it from hearing: a receiver takes any number of
     /// stop bits from one up.
+    pub(super) fn hears(&self, index: usize, seen: Option<(u32, u8)>) -> bool {
+        let baud = seen.map_or(self.settings.line.baud, |(baud, _)| baud);
+        self.settings.line_check != LineCheck::Enforce || baud == self.stations[index].address().line.baud
+    }
+
+    /// As [`Segment::hears`], and the client is warned.
     fn is_heard(&mut self, index: usize, seen: Option<(u32, u8)>, warned: &mut HashSet<usize>) -> bool {
         if self.settings.line_check == LineCheck::Off {
             return true;
@@ -389,16 +411,15 @@ impl Segment {
         let (station, bus) = (&self.stations[index], self.settings.line);
         let line = station.address().line;
         let (baud, stop_bits) = seen.unwrap_or((bus.baud, bus.stop_bits));
-        let enforced = self.settings.line_check == LineCheck::Enforce;
+        let hears = self.hears(index, seen);
         if (baud, stop_bits) != (line.baud, line.stop_bits) && warned.insert(index) {
-            let what =
-                if enforced && baud != line.baud { "hears nothing" } else { "would not be understood on a real line" };
+            let what = if hears { "would not be understood on a real line" } else { "hears nothing" };
             let name = station.name();
             let text =
                 format!("the client talks {baud} baud, {stop_bits} stop bits; {name} is set to {line}: it {what}");
             self.outputs.push_back(Output::Note(text));
         }
-        !enforced || baud == line.baud
+        hears
     }
 
     /// Takes back the write whose image could not be kept, and answers it 04 (BUS-19). What changed without a write stays,
