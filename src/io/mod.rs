@@ -1,6 +1,7 @@
 //! The shell around the buses: ports, real time, files and signals. One task owns one [`Bus`](crate::bus::Bus) and
 //! everything that leads to it, so nothing here is shared and nothing is locked. Knows no device.
 
+mod clients;
 mod clock;
 mod fd;
 mod link;

@@ -1,5 +1,4 @@
-//! A pty that serves as a serial port would (BUS-23). The program keeps a descriptor of the client's side open, so that
-//! clients come and go without the kernel telling us of a hang-up each time; an inotify watch tells of them instead.
+//! A pty that serves as a serial port would (BUS-23).
 
 use std::io;
 use std::os::fd::{AsFd, OwnedFd};
@@ -7,53 +6,40 @@ use std::path::{Path, PathBuf};
 use std::task::{Context, Poll};
 
 use nix::errno::Errno;
-use nix::fcntl::{OFlag, open};
+use nix::fcntl::OFlag;
 use nix::libc;
-use nix::poll::{PollFd, PollFlags, PollTimeout, poll};
 use nix::pty::{grantpt, posix_openpt, ptsname_r, unlockpt};
-use nix::sys::inotify::{AddWatchFlags, InitFlags, Inotify};
-use nix::sys::stat::Mode;
-use nix::sys::termios::{FlushArg, tcflush};
 use nix::unistd::{read, write};
 use tokio::io::Interest;
 use tokio::io::unix::AsyncFd;
 
+use super::clients::{Change, Clients};
 use super::fd;
 use super::link::Link;
 use super::outbox::Outbox;
 use super::port::{Ear, Port};
 use crate::bus::{Bus, DoorId, DoorKind, LineCheck};
-use crate::line::Line;
 use crate::time::Instant;
 
 /// More reads than it takes to empty what the kernel keeps of a client that is gone.
-const DESERTED_READS_MAX: usize = 8;
+const LEFT_READS_MAX: usize = 8;
 
 /// A pty and the link to it.
 #[derive(Debug)]
 pub struct Pty {
     /// Our side of it.
     master: AsyncFd<OwnedFd>,
-    /// The client's side: its node, and our descriptor of it. It is only read, so that of all that close the node ours
-    /// alone does not count as a client.
-    node: PathBuf,
-    kept: Option<OwnedFd>,
-    /// Tells of clients that open and close it; and a second descriptor of that, which the reactor watches.
-    clients: Inotify,
-    bell: AsyncFd<OwnedFd>,
+    clients: Clients,
     door: DoorId,
     outbox: Outbox,
     /// A second descriptor of our side, only while the kernel takes no more: a wake-up for every byte that a client
     /// reads would double the work for a request.
     writable: Option<AsyncFd<OwnedFd>>,
-    /// Whether somebody is there to hear what is sent.
-    has_client: bool,
     /// The last client is gone, and the requests that it left are being carried out.
     is_deserted: bool,
-    /// The watch will tell of our own opening of the node.
-    is_own_open_due: bool,
-    /// Speed and stop bits that the bus was told last; `None` where it does not ask.
+    /// Speed and stop bits that the bus was told last.
     seen: Option<(u32, u8)>,
+    /// Whether the bus wants to know them.
     is_checked: bool,
     link: Link,
 }
@@ -68,94 +54,100 @@ impl Pty {
         grantpt(&master)?;
         unlockpt(&master)?;
         let node = PathBuf::from(ptsname_r(&master)?);
-        let kept = open_client_side(&node)?;
-        lay(&kept, bus.settings().line)?;
-        let clients = Inotify::init(InitFlags::IN_NONBLOCK | InitFlags::IN_CLOEXEC).map_err(|errno| {
-            let remedy = "raise fs.inotify.max_user_instances";
-            if errno == Errno::EMFILE { io::Error::other(format!("{errno}: {remedy}")) } else { errno.into() }
-        })?;
-        clients.add_watch(&node, AddWatchFlags::IN_OPEN | AddWatchFlags::IN_CLOSE_WRITE)?;
+        let clients = Clients::watch(&node, bus.settings().line)?;
+        let master = fd::watch(master.into(), Interest::READABLE)?;
         let link = Link::make(link, &node)?;
         Ok(Self {
-            master: fd::watch(master.into(), Interest::READABLE)?,
-            node,
-            kept: Some(kept),
-            bell: fd::watch(clients.as_fd().try_clone_to_owned()?, Interest::READABLE)?,
+            master,
             clients,
             door: bus.open_door(now, DoorKind::Virtual),
             outbox: Outbox::default(),
             writable: None,
-            has_client: false,
             is_deserted: false,
-            is_own_open_due: false,
             seen: None,
             is_checked: bus.settings().line_check != LineCheck::Off,
             link,
         })
     }
 
-    /// Hears of clients that have come and gone.
-    fn poll_clients(&mut self, cx: &mut Context<'_>, ear: &mut Ear<'_>) -> io::Result<()> {
-        let (mut is_closed, mut is_reopened) = (false, false);
-        while let Poll::Ready(guard) = self.bell.poll_read_ready(cx) {
-            let mut guard = guard?;
-            match self.clients.read_events() {
-                Ok(events) => {
-                    for event in events {
-                        let is_open = event.mask.contains(AddWatchFlags::IN_OPEN);
-                        if is_open && !std::mem::take(&mut self.is_own_open_due) {
-                            self.has_client = true;
-                            is_reopened |= is_closed;
-                        }
-                        is_closed |= event.mask.contains(AddWatchFlags::IN_CLOSE_WRITE);
-                    }
-                }
-                Err(Errno::EAGAIN) => guard.clear_ready(),
-                Err(errno) => return Err(errno.into()),
-            }
+    /// Takes what a read has given. A client may have gone before or after it, and the next one may have come: so that
+    /// is asked before anything is handed in.
+    fn take(&mut self, read: nix::Result<usize>, ear: &mut Ear<'_>) -> io::Result<()> {
+        match self.count(read)? {
+            None => Ok(()),
+            Some(count) if self.clients.look()? == Change::None => self.hand_in(count, ear),
+            Some(count) => self.change_clients(count, ear),
         }
-        if !is_closed {
-            return Ok(());
-        }
-        if self.is_alone()? {
-            self.has_client = false;
-            self.is_deserted = true;
-            ear.heard = true;
-        } else if is_reopened {
-            self.forget_client(ear)?;
-        }
-        self.welcome()
     }
 
-    /// Whether no client has the pty open: without our own descriptor it is hung up then.
-    ///
-    /// The events cannot be counted instead, because the kernel merges two that are alike.
-    fn is_alone(&mut self) -> io::Result<bool> {
-        let was_exclusive = match self.kept.take() {
-            // What a client has made exclusive could not be opened again (TIOCEXCL); a killed client leaves it so.
-            Some(kept) => {
-                let was_exclusive = fd::is_exclusive(&kept)?;
-                fd::set_shared(&kept)?;
-                was_exclusive
+    /// How much a read has given, `None` when that was nothing.
+    fn count(&mut self, read: nix::Result<usize>) -> io::Result<Option<usize>> {
+        match read {
+            Ok(0) | Err(Errno::EIO) => {
+                // Hung up, though our own descriptor should keep it from that: somebody has revoked it. The reactor never
+                // forgets a hang-up and would wake us without end, so it is told of the pty anew.
+                self.clients.hold()?;
+                let master = self.master.get_ref().try_clone()?;
+                self.master = fd::watch(master, Interest::READABLE)?;
+                Ok(None)
             }
-            None => false,
-        };
-        let mut events = [PollFd::new(self.master.get_ref().as_fd(), PollFlags::POLLIN)];
-        poll(&mut events, PollTimeout::ZERO)?;
-        let is_alone = events[0].revents().is_some_and(|events| events.contains(PollFlags::POLLHUP));
-        match open_client_side(&self.node) {
-            Ok(kept) => {
-                if was_exclusive && !is_alone {
-                    fd::set_exclusive(&kept)?;
-                }
-                self.kept = Some(kept);
-                self.is_own_open_due = true;
-            }
-            // Another client has made it exclusive just now: it is tried again when that one closes.
-            Err(error) if error.raw_os_error() == Some(libc::EBUSY) && !is_alone => {}
-            Err(error) => return Err(error),
+            Ok(count) => Ok(Some(count)),
+            Err(Errno::EAGAIN | Errno::EINTR) => Ok(None),
+            Err(errno) => Err(errno.into()),
         }
-        Ok(is_alone)
+    }
+
+    fn hand_in(&mut self, count: usize, ear: &mut Ear<'_>) -> io::Result<()> {
+        if self.is_checked {
+            let settings = fd::settings(self.master.get_ref())?;
+            let seen = (settings.c_ospeed, if settings.c_cflag & libc::CSTOPB == 0 { 1 } else { 2 });
+            if self.seen.replace(seen) != Some(seen) {
+                ear.bus.line_seen(self.door, seen.0, seen.1);
+            }
+        }
+        if !self.is_deserted {
+            self.clients.spoke();
+        }
+        ear.bytes(self.door, count);
+        Ok(())
+    }
+
+    /// Clients have gone; `count` bytes have been read and not handed in. Whole requests that the last one has left are
+    /// carried out, as on a line, and nothing else of it reaches the next (BUS-23).
+    ///
+    /// Its bytes are read before it is asked who has come: what is there when nobody has is all of the one that is gone.
+    /// What is not asked any more, who comes and goes after that, is told at the next look.
+    fn change_clients(&mut self, mut count: usize, ear: &mut Ear<'_>) -> io::Result<()> {
+        ear.heard = true;
+        for _ in 0..LEFT_READS_MAX {
+            if self.clients.look()? == Change::Replaced {
+                break;
+            }
+            if count == ear.buffer.len() {
+                self.hand_in(std::mem::take(&mut count), ear)?;
+            }
+            let events = self.clients.events();
+            let read = read(self.master.get_ref(), &mut ear.buffer[count..]);
+            match self.count(read)? {
+                Some(more) => count += more,
+                None => {
+                    self.clients.look()?;
+                    if self.clients.events() == events {
+                        break;
+                    }
+                }
+            }
+        }
+        if self.clients.change() == Change::Unsure {
+            self.clients.ask(self.master.get_ref().as_fd())?;
+        }
+        match self.clients.change() {
+            Change::Gone => self.is_deserted = true,
+            Change::Replaced => self.forget_client(ear)?,
+            Change::None | Change::Unsure => {}
+        }
+        self.clients.settle()?;
+        if count > 0 { self.hand_in(count, ear) } else { Ok(()) }
     }
 
     /// Drops what the last client has left (BUS-23).
@@ -164,48 +156,7 @@ impl Pty {
         self.outbox.clear();
         self.writable = None;
         self.is_deserted = false;
-        if let Some(kept) = &self.kept {
-            tcflush(kept, FlushArg::TCIFLUSH)?;
-        }
-        Ok(())
-    }
-
-    /// Makes sure that the next client's tcsetattr changes something. The C library reports EINVAL when parity alone
-    /// was asked for, because the kernel keeps no parity for ptys; CLOCAL, which nearly all clients set, means nothing
-    /// to a pty.
-    fn welcome(&self) -> io::Result<()> {
-        let Some(kept) = &self.kept else { return Ok(()) };
-        let mut settings = fd::settings(kept)?;
-        settings.c_cflag &= !libc::CLOCAL;
-        fd::set_settings(kept, &settings)
-    }
-
-    /// Hands in what a read has given; `false` when that was nothing.
-    fn take(&mut self, count: nix::Result<usize>, ear: &mut Ear<'_>) -> io::Result<bool> {
-        let count = match count {
-            Ok(0) | Err(Errno::EIO) => {
-                // Hung up, though our descriptor should keep it from that: somebody has revoked it. The reactor never
-                // forgets a hang-up and would wake us without end, so it is told of the pty anew.
-                self.kept = Some(open_client_side(&self.node)?);
-                self.is_own_open_due = true;
-                let master = self.master.get_ref().try_clone()?;
-                self.master = fd::watch(master, Interest::READABLE)?;
-                return Ok(false);
-            }
-            Ok(count) => count,
-            Err(Errno::EAGAIN | Errno::EINTR) => return Ok(false),
-            Err(errno) => return Err(errno.into()),
-        };
-        if self.is_checked {
-            let settings = fd::settings(self.master.get_ref())?;
-            let seen = (settings.c_ospeed, if settings.c_cflag & libc::CSTOPB == 0 { 1 } else { 2 });
-            if self.seen.replace(seen) != Some(seen) {
-                ear.bus.line_seen(self.door, seen.0, seen.1);
-            }
-        }
-        self.has_client |= !self.is_deserted;
-        ear.bytes(self.door, count);
-        Ok(true)
+        self.clients.drop_unread()
     }
 
     fn poll_send(&mut self, cx: &mut Context<'_>) -> io::Result<()> {
@@ -232,15 +183,8 @@ impl Port for Pty {
         if self.is_deserted {
             self.forget_client(ear)?;
         }
-        self.poll_clients(cx, ear)?;
-        if self.is_deserted {
-            for _ in 0..DESERTED_READS_MAX {
-                let count = read(self.master.get_ref(), ear.buffer);
-                if !self.take(count, ear)? {
-                    break;
-                }
-            }
-            return Ok(());
+        if self.clients.poll(cx)? != Change::None {
+            return self.change_clients(0, ear);
         }
         self.poll_send(cx)?;
         while !ear.heard && ear.bus.has_room(self.door) {
@@ -269,15 +213,14 @@ impl Port for Pty {
     }
 
     fn transmit(&mut self, _: DoorId, _: Option<u16>, bytes: &[u8]) -> io::Result<()> {
-        if !self.has_client {
+        if self.is_deserted || !self.clients.are_there() {
             return Ok(());
         }
         self.outbox.send(bytes, |bytes| Ok(write(self.master.get_ref(), bytes)?))
     }
 
     fn is_sending(&self) -> bool {
-        let is_unread = |kept: &OwnedFd| fd::count_unread(kept).is_ok_and(|count| count > 0);
-        !self.outbox.is_empty() || self.kept.as_ref().is_some_and(is_unread)
+        !self.outbox.is_empty() || self.clients.have_unread()
     }
 
     fn close(&mut self, bus: &mut Bus) {
@@ -286,39 +229,5 @@ impl Port for Pty {
 
     fn path(&self) -> String {
         self.link.path().display().to_string()
-    }
-}
-
-fn open_client_side(node: &Path) -> io::Result<OwnedFd> {
-    let flags = OFlag::O_RDONLY | OFlag::O_NOCTTY | OFlag::O_NONBLOCK | OFlag::O_CLOEXEC;
-    Ok(open(node, flags, Mode::empty())?)
-}
-
-/// Raw, and at the bus' speed, for clients that set nothing.
-fn lay(tty: &OwnedFd, line: Line) -> io::Result<()> {
-    let mut settings = fd::settings(tty)?;
-    (settings.c_iflag, settings.c_oflag, settings.c_lflag) = (0, 0, 0);
-    settings.c_cflag = libc::CS8 | libc::CREAD | speed_flag(line.baud);
-    if line.stop_bits == 2 {
-        settings.c_cflag |= libc::CSTOPB;
-    }
-    (settings.c_ispeed, settings.c_ospeed) = (line.baud, line.baud);
-    (settings.c_cc[libc::VMIN], settings.c_cc[libc::VTIME]) = (1, 0);
-    fd::set_settings(tty, &settings)
-}
-
-/// The flag of a speed; those that have none are told by number.
-fn speed_flag(baud: u32) -> libc::tcflag_t {
-    match baud {
-        1200 => libc::B1200,
-        2400 => libc::B2400,
-        4800 => libc::B4800,
-        9600 => libc::B9600,
-        19_200 => libc::B19200,
-        38_400 => libc::B38400,
-        57_600 => libc::B57600,
-        115_200 => libc::B115200,
-        230_400 => libc::B230400,
-        _ => libc::BOTHER,
     }
 }
