@@ -162,9 +162,10 @@ fn carry_out(bench: &mut Bench, deed: Deed) {
     match deed {
         Deed::Ask(pdu) => {
             bench.send(&framed(pdu));
-            // Bytes behind a whole request are noise, and the request may be answered as it is. A foreign exception ends
-            // after five bytes, and what follows it is a request of its own.
-            let is_request = pdu.len() >= 2 && pdu[1] < 0x80 && Request::parse(&pdu[1..]).is_some();
+            // Bytes behind a whole request are noise, and the request may be answered as it is. Frames of exceptions and of
+            // unknown functions may end early, and what follows them is a request of its own.
+            let request = pdu.get(1..).and_then(Request::parse);
+            let is_request = request.is_some_and(|request| !matches!(request, Request::Other { .. }));
             check_replies(bench, is_request.then_some(pdu));
             bench.wait_ms(40);
             check_replies(bench, None);
