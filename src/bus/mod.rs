@@ -249,11 +249,9 @@ impl Bus {
         if door.framer.is_waiting() && now.since_us(door.heard_at) > timeout_us {
             // Whole frames wait for the reply before them; only what follows them is none.
             let routes = &self.segment.routes;
-            while let Some(Frame::Whole(frame)) =
-                door.framer.next_frame(|unit| routes[usize::from(unit)] != Route::Nobody)
-            {
+            while let Some((unit, pdu)) = next_frame(&mut door.framer, routes) {
                 if door.requests.len() < QUEUE_MAX {
-                    door.requests.push_back(Queued { transaction: None, unit: frame[0], pdu: frame[1..].to_vec() });
+                    door.requests.push_back(Queued { transaction: None, unit, pdu: pdu.to_vec() });
                 }
             }
             Self::silence(door, &mut self.segment);
@@ -345,10 +343,7 @@ impl Bus {
                 self.segment.hear(Heard { door: door.id, kind, transaction, seen, warned, unit, pdu: &pdu });
                 return true;
             }
-            let routes = &self.segment.routes;
-            if let Some(Frame::Whole(frame)) = door.framer.next_frame(|unit| routes[usize::from(unit)] != Route::Nobody)
-            {
-                let (unit, pdu) = (frame[0], &frame[1..]);
+            if let Some((unit, pdu)) = next_frame(&mut door.framer, &self.segment.routes) {
                 let (kind, seen, warned) = (door.kind, door.seen, &mut door.warned);
                 self.segment.hear(Heard { door: door.id, kind, transaction: None, seen, warned, unit, pdu });
                 return true;
@@ -414,5 +409,13 @@ impl Bus {
         self.segment.set_now(now);
         self.segment.live_to(self.segment.now);
         self.segment.persist_all();
+    }
+}
+
+/// Unit, function and data of the next whole frame, where units that have a route are our own.
+fn next_frame<'a>(framer: &'a mut Framer, routes: &[Route; 256]) -> Option<(u8, &'a [u8])> {
+    match framer.next_frame(|unit| routes[usize::from(unit)] != Route::Nobody)? {
+        Frame::Whole(frame) => frame.split_first().map(|(unit, pdu)| (*unit, pdu)),
+        Frame::Damaged(_) | Frame::Overlong(_) => None,
     }
 }
