@@ -7,6 +7,9 @@ use standin::station::Saved;
 
 const START: &str = "2014-10-27T14:22:08";
 
+/// Where the return to factory settings is asked for (ASTRO-81).
+const FACTORY_RESET: u16 = 0x0091;
+
 /// The program starts anew, by default with the same start.
 fn again(saved: &Saved, start: &str) -> Bench {
     Plan::of("kael-astro-01", 1).clock(start, 1.0).start_with(&[Some(saved.clone())])
@@ -101,6 +104,16 @@ fn astro_82_what_eeprom_keeps() {
     assert_eq!(later.write_many(1, 0x83, &[5, 1, 8]), 0);
     later.wait_ms(50);
     assert_eq!(later.read(1, 3, 0x86, 7).unwrap(), [5, 12, 15, 22, 16, -3i16 as u16, 3]);
+}
+
+#[test]
+fn astro_69_programs_are_told_of_once_though_the_program_ends_before_the_device_has_restarted() {
+    let mut bench = Plan::of("kael-astro-01", 1).clock(START, 1.0).start();
+    assert_eq!(bench.write(1, FACTORY_RESET, 0x55AA), 0);
+    let mut later = again(&bench.saved(""), START);
+    assert_eq!(later.get("program_update"), 1);
+    let mut last = again(&later.saved(""), START);
+    assert_eq!(last.get("program_update"), 0);
 }
 
 #[test]

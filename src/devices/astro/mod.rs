@@ -118,6 +118,8 @@ struct Kept {
     clock: Setting,
     programs: Vec<Option<Program>>,
     holidays: [Holiday; 2],
+    #[serde(default)]
+    is_fresh: bool,
 }
 
 impl Astro {
@@ -276,6 +278,7 @@ impl Device for Astro {
         process::count(cx.regs, &self.slots);
         if std::mem::take(&mut self.is_fresh) {
             cx.regs.set(PROGRAM_UPDATE, 1);
+            cx.effects.save = true;
         }
         relays::power_on(cx.regs);
         self.show_world(cx);
@@ -395,6 +398,7 @@ impl Device for Astro {
             clock: self.clock.setting().clone(),
             programs: self.slots.all().to_vec(),
             holidays: self.holidays.clone(),
+            is_fresh: self.is_fresh,
         };
         serde_json::to_value(kept).unwrap_or_default()
     }
@@ -406,6 +410,7 @@ impl Device for Astro {
             .ok_or_else(|| format!("it does not keep {capacity} sound programs"))?;
         self.clock = Clock::kept(kept.clock);
         self.holidays = kept.holidays;
+        self.is_fresh = kept.is_fresh;
         Ok(())
     }
 }
