@@ -70,14 +70,16 @@ impl Framer {
             return None;
         }
         let bytes = &self.bytes[self.start..];
-        let found = (0..=self.strays).find_map(|skip| {
+        let found = (0..=self.strays).filter_map(|skip| {
             let (strays, rest) = bytes.split_at_checked(skip)?;
             let length = whole_length(rest, self.tried.saturating_sub(skip), &ours)?;
             strays.iter().all(|byte| *byte == 0).then_some((skip, length))
         });
-        let Some((skip, length)) = found else {
-            self.tried = bytes.len().min(FRAME_MAX + 1);
-            if bytes.len() > FRAME_MAX {
+        // The one that ends first, as it would if the bytes came one by one.
+        let Some((skip, length)) = found.min_by_key(|(skip, length)| skip + length) else {
+            let longest = FRAME_MAX + self.strays;
+            self.tried = bytes.len().min(longest);
+            if bytes.len() > longest {
                 self.overrun = true;
                 self.bytes.truncate(self.start + FRAME_MAX);
             }
@@ -212,6 +214,42 @@ mod tests {
             assert_eq!(all(&mut framer).len(), 1);
             assert_eq!(framer.silence(), None);
             assert!(!framer.is_waiting());
+        }
+    }
+
+    #[test]
+    fn bus_5_what_ends_first_is_the_frame_however_bytes_are_cut() {
+        // Zeros may lie between the first frame and the second. Taken for a broadcast of an unknown function they make a
+        // longer frame, whose CRC is good too.
+        let foreign = framed(&[9, 6, 0, 2, 0, 2]);
+        let request = framed(&[1, 6, 0, 2, 0, 2]);
+        let longer = framed(&[&[0, 0], request.as_slice(), &[1, 2, 3]].concat());
+        let stream = [foreign.as_slice(), &longer].concat();
+        for piece in [1, 3, stream.len()] {
+            let mut framer = Framer::default();
+            let mut found = Vec::new();
+            for bytes in stream.chunks(piece) {
+                framer.push(bytes);
+                found.extend(all(&mut framer));
+            }
+            assert_eq!(found, [foreign[..6].to_vec(), request[..6].to_vec()], "{piece} bytes at a time");
+        }
+    }
+
+    #[test]
+    fn bus_1_the_longest_frame_is_found_behind_zeros_too_however_bytes_are_cut() {
+        let foreign = framed(&[9, 6, 0, 2, 0, 2]);
+        let longest = framed(&[&[9, 3, 251][..], &[7; 251]].concat());
+        assert_eq!(longest.len(), FRAME_MAX);
+        let stream = [foreign.as_slice(), &[0, 0], &longest].concat();
+        for piece in [1, stream.len()] {
+            let mut framer = Framer::default();
+            let mut found = Vec::new();
+            for bytes in stream.chunks(piece) {
+                framer.push(bytes);
+                found.extend(all(&mut framer));
+            }
+            assert_eq!(found.len(), 2, "{piece} bytes at a time");
         }
     }
 
