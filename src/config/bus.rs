@@ -12,6 +12,9 @@ use crate::time::SimClock;
 use super::reader::{Entry, Problems, Table, shown};
 use super::{BusConfig, Port, Seen, device, is_path, name, parse_address, unique};
 
+/// The most clients of a TCP port where the file says nothing.
+const MAX_CLIENTS: usize = 64;
+
 /// The bus' line and the places where the file sets it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LineEntry {
@@ -26,6 +29,7 @@ pub(super) fn read(mut table: Table, clock: &SimClock, seen: &mut Seen, problems
     let name_entry = table.need("name", "\"line1\"", problems);
     let bus_name = name_entry.and_then(|entry| name(entry, "bus name", |seen| &mut seen.buses, seen, problems));
     let ports = read_ports(&mut table, seen, problems);
+    let max_clients = read_max_clients(&mut table, &ports, problems);
     let (entry, settings) = read_settings(&mut table, problems);
     let devices = table.tables("device", "[[bus.device]]", problems);
     if devices.is_empty() {
@@ -36,7 +40,7 @@ pub(super) fn read(mut table: Table, clock: &SimClock, seen: &mut Seen, problems
         devices.into_iter().filter_map(|device| device::read(device, entry, clock, &mut units, seen, problems));
     let devices = devices.collect();
     table.finish(problems);
-    Some(BusConfig { name: bus_name?, ports, settings, devices })
+    Some(BusConfig { name: bus_name?, ports, max_clients, settings, devices })
 }
 
 fn read_settings(table: &mut Table, problems: &mut Problems) -> (LineEntry, Settings) {
@@ -73,6 +77,14 @@ fn read_ports(table: &mut Table, seen: &mut Seen, problems: &mut Problems) -> Ve
             Vec::new()
         }
     }
+}
+
+fn read_max_clients(table: &mut Table, ports: &[Port], problems: &mut Problems) -> usize {
+    let Some(entry) = table.get("max_clients") else { return MAX_CLIENTS };
+    if !ports.is_empty() && !ports.iter().any(|port| matches!(port, Port::Tcp(_) | Port::ModbusTcp(_))) {
+        problems.warn(entry.key_at, "max_clients counts those of tcp: and modbus-tcp: ports, and this bus has none");
+    }
+    entry.integer(1, 1000, problems).map_or(MAX_CLIENTS, |count| count as usize)
 }
 
 fn read_list(entry: Entry, seen: &mut Seen, problems: &mut Problems) -> Vec<Port> {

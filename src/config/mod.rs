@@ -87,6 +87,8 @@ pub struct BusConfig {
     pub name: String,
     /// The doors to it, at least one.
     pub ports: Vec<Port>,
+    /// The most clients that each of its TCP ports serves at once.
+    pub max_clients: usize,
     /// Line, timing and what a client at the wrong speed gets.
     pub settings: Settings,
     /// The devices, in the order of the file.

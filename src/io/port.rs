@@ -74,6 +74,7 @@ impl Ear<'_> {
 /// A port that the configuration names, whether it works at the moment or not.
 pub struct Slot {
     plan: config::Port,
+    max_clients: usize,
     state: State,
 }
 
@@ -86,13 +87,13 @@ enum State {
 const PAUSES: (Duration, Duration) = (Duration::from_millis(500), Duration::from_secs(30));
 
 impl Slot {
-    /// Opens a port.
+    /// Opens a port, where it is a TCP port for so many clients at once.
     ///
     /// # Errors
     /// Why it cannot be opened.
-    pub fn open(plan: config::Port, bus: &mut Bus, now: Instant) -> io::Result<Self> {
-        let port = open(&plan, bus, now)?;
-        Ok(Self { plan, state: State::Open(port) })
+    pub fn open(plan: config::Port, max_clients: usize, bus: &mut Bus, now: Instant) -> io::Result<Self> {
+        let port = open(&plan, max_clients, bus, now)?;
+        Ok(Self { plan, max_clients, state: State::Open(port) })
     }
 
     /// What a client opens.
@@ -125,7 +126,7 @@ impl Slot {
             if retry.as_mut().poll(cx) == Poll::Pending {
                 return;
             }
-            match open(&self.plan, ear.bus, ear.now) {
+            match open(&self.plan, self.max_clients, ear.bus, ear.now) {
                 Ok(port) => {
                     info!("{} is back", self.plan);
                     self.state = State::Open(port);
@@ -141,11 +142,11 @@ impl Slot {
     }
 }
 
-fn open(plan: &config::Port, bus: &mut Bus, now: Instant) -> io::Result<Box<dyn Port>> {
+fn open(plan: &config::Port, max_clients: usize, bus: &mut Bus, now: Instant) -> io::Result<Box<dyn Port>> {
     Ok(match plan {
         config::Port::Pty(link) => Box::new(Pty::open(link, bus, now)?),
         config::Port::Serial(path) => Box::new(Serial::open(path, bus, now)?),
-        config::Port::Tcp(addr) => Box::new(Tcp::open_rtu(*addr)?),
-        config::Port::ModbusTcp(addr) => Box::new(Tcp::open_modbus(*addr)?),
+        config::Port::Tcp(addr) => Box::new(Tcp::open_rtu(*addr, max_clients)?),
+        config::Port::ModbusTcp(addr) => Box::new(Tcp::open_modbus(*addr, max_clients)?),
     })
 }

@@ -318,7 +318,7 @@ fn open(
     clock: RealClock,
     watchers: Vec<Watcher>,
 ) -> Result<(BusTask, BusHandle), RunError> {
-    BusTask::new(bus, &plan.ports, store, clock, watchers).map_err(|(port, source)| match port {
+    BusTask::new(bus, plan, store, clock, watchers).map_err(|(port, source)| match port {
         Some(port) => RunError::Port { bus: plan.name.clone(), port: port.to_string(), source },
         None => RunError::System { what: "a bus cannot start", source },
     })

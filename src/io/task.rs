@@ -96,16 +96,17 @@ impl BusTask {
     /// Which port cannot be opened and why.
     pub(super) fn new(
         mut bus: Bus,
-        ports: &[config::Port],
+        plan: &config::BusConfig,
         store: Option<Arc<Store>>,
         clock: RealClock,
         watchers: Vec<Watcher>,
     ) -> Result<(Self, BusHandle), (Option<config::Port>, io::Error)> {
         let mut slots = Vec::new();
         let mut paths = Vec::new();
-        for plan in ports {
-            let slot = Slot::open(plan.clone(), &mut bus, clock.now()).map_err(|error| (Some(plan.clone()), error))?;
-            paths.push((plan.clone(), slot.path().unwrap_or_default()));
+        for port in &plan.ports {
+            let slot = Slot::open(port.clone(), plan.max_clients, &mut bus, clock.now())
+                .map_err(|error| (Some(port.clone()), error))?;
+            paths.push((port.clone(), slot.path().unwrap_or_default()));
             slots.push(slot);
         }
         let (sender, messages) = mpsc::channel(COMMANDS_MAX);

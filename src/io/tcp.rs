@@ -18,9 +18,6 @@ use super::outbox::Outbox;
 use super::port::{Ear, Port};
 use crate::bus::{Bus, DoorId, DoorKind};
 
-/// The most clients of a port.
-const CLIENTS_MAX: usize = 64;
-
 /// A client that is gone without a word is found out after this and a few probes more.
 const KEEP_ALIVE: Duration = Duration::from_secs(60);
 
@@ -47,6 +44,7 @@ pub struct Tcp {
     address: SocketAddr,
     framing: Framing,
     clients: Vec<Client>,
+    max_clients: usize,
     pause: Option<Pin<Box<Sleep>>>,
 }
 
@@ -64,29 +62,29 @@ struct Client {
 }
 
 impl Tcp {
-    /// Listens for clients that send RTU frames.
+    /// Listens for clients that send RTU frames, and serves so many at once.
     ///
     /// # Errors
     /// The address cannot be listened on.
-    pub fn open_rtu(address: SocketAddr) -> io::Result<Self> {
-        Self::open(address, Framing::Rtu)
+    pub fn open_rtu(address: SocketAddr, max_clients: usize) -> io::Result<Self> {
+        Self::open(address, Framing::Rtu, max_clients)
     }
 
-    /// Listens for clients of Modbus TCP.
+    /// Listens for clients of Modbus TCP, and serves so many at once.
     ///
     /// # Errors
     /// The address cannot be listened on.
-    pub fn open_modbus(address: SocketAddr) -> io::Result<Self> {
-        Self::open(address, Framing::Modbus)
+    pub fn open_modbus(address: SocketAddr, max_clients: usize) -> io::Result<Self> {
+        Self::open(address, Framing::Modbus, max_clients)
     }
 
-    fn open(address: SocketAddr, framing: Framing) -> io::Result<Self> {
+    fn open(address: SocketAddr, framing: Framing, max_clients: usize) -> io::Result<Self> {
         // The standard library sets SO_REUSEADDR, so that a restart finds its address free.
         let listener = std::net::TcpListener::bind(address)?;
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
         let listener = TcpListener::from_std(listener)?;
-        Ok(Self { listener, address, framing, clients: Vec::new(), pause: None })
+        Ok(Self { listener, address, framing, clients: Vec::new(), max_clients, pause: None })
     }
 
     fn poll_accept(&mut self, cx: &mut Context<'_>, ear: &mut Ear<'_>) {
@@ -110,8 +108,9 @@ impl Tcp {
     }
 
     fn welcome(&mut self, stream: TcpStream, peer: SocketAddr, ear: &mut Ear<'_>) {
-        if self.clients.len() >= CLIENTS_MAX {
-            warn!("{}: {peer} is turned away, there are {CLIENTS_MAX} clients already", self.address);
+        if self.clients.len() >= self.max_clients {
+            let count = self.clients.len();
+            warn!("{}: {peer} is turned away, max_clients = {count} are there already", self.address);
             return;
         }
         let settings = stream

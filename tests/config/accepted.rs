@@ -18,7 +18,7 @@ fn the_least_file_has_every_default() {
     let bus = &config.buses[0];
     let line = Line { baud: 9600, parity: Parity::None, stop_bits: 2 };
     let settings = Settings { line, timing: Timing::Fast, line_check: LineCheck::Warn, slack_ms: 20 };
-    assert_eq!((bus.name.as_str(), bus.settings), ("line1", settings));
+    assert_eq!((bus.name.as_str(), bus.settings, bus.max_clients), ("line1", settings, 64));
     assert_eq!(bus.ports, [Port::Pty("/tmp/p".into())]);
     let device = &bus.devices[0];
     assert_eq!((device.name.as_str(), device.kind.name), ("heater", "hmi-volcano-ec"));
@@ -46,6 +46,7 @@ fn everything_that_can_be_set_arrives() {
         timing = "wire"
         line_check = "enforce"
         slack_ms = 5
+        max_clients = 2
         [[bus.device]]
         name = "heater"
         model = "hmi-volcano-ec"
@@ -64,7 +65,7 @@ fn everything_that_can_be_set_arrives() {
     assert_eq!(ports, ["pty:/tmp/p", "serial:/dev/ttyUSB0", "tcp:127.0.0.1:5020", "modbus-tcp:127.0.0.1:5502"]);
     let line = Line { baud: 19_200, parity: Parity::Even, stop_bits: 1 };
     let settings = Settings { line, timing: Timing::Wire, line_check: LineCheck::Enforce, slack_ms: 5 };
-    assert_eq!(bus.settings, settings);
+    assert_eq!((bus.settings, bus.max_clients), (settings, 2));
     let device = &bus.devices[0];
     assert_eq!(device.address.unit, 17);
     let input = |name: &str| device.kind.input(name).unwrap();
@@ -114,7 +115,15 @@ fn the_examples_comments_are_settings_that_work() {
     assert!(shown.iter().filter(|line| !EXAMPLE.lines().any(|was| was == line.as_str())).count() >= 5);
     let config = accepted(&shown.join("\n"));
     assert_eq!(config.state, Some("state".into()));
+    assert_eq!(config.buses[0].max_clients, 64);
     assert_eq!(config.control.unwrap().listen, "127.0.0.1:8502".parse().unwrap());
+}
+
+#[test]
+fn a_limit_of_clients_without_a_tcp_port_is_a_warning() {
+    let config = accepted(&heater("").replace("[[bus]]\n", "[[bus]]\nmax_clients = 3\n"));
+    let text = "max_clients counts those of tcp: and modbus-tcp: ports, and this bus has none";
+    assert!(config.warnings.len() == 1 && config.warnings[0].ends_with(text), "{:?}", config.warnings);
 }
 
 #[test]

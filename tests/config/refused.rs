@@ -37,7 +37,7 @@ options = { range_check = "maybe" }
             "t:4:8: rate takes a number, 0 to 86400, not -1",
             "t:6:10: listen takes a loopback address such as 127.0.0.1:80 unless [control] has a token or token_file, not 0.0.0.0:80",
             "t:10:8: baud takes a whole number, 50 to 4000000, not 9600.0",
-            "t:11:1: unknown key \"paritty\": [[bus]] takes name, port, ports, baud, parity, stop_bits, timing, line_check, slack_ms, device; did you mean parity?",
+            "t:11:1: unknown key \"paritty\": [[bus]] takes name, port, ports, max_clients, baud, parity, stop_bits, timing, line_check, slack_ms, device; did you mean parity?",
             "t:14:9: model takes one of kael-astro-01, kael-astro-03, logiccon-trc, logiccon-pfc24s-tcr, hmi-volcano-ec, not \"hmi-volcano\"; did you mean hmi-volcano-ec?",
             "t:15:8: unit takes a whole number, 1 to 255, not 0",
             "t:17:8: device name heater stands in line 13 too: give each its own",
@@ -221,7 +221,7 @@ fn a_bus_has_a_name_and_doors() {
 fn a_bus_settings_are_judged() {
     refused(
         &bus(
-            "port = \"pty:/p\"\nbaud = 49\nparity = \"mark\"\nstop_bits = 3\ntiming = \"slow\"\nline_check = true\nslack_ms = -1",
+            "port = \"pty:/p\"\nbaud = 49\nparity = \"mark\"\nstop_bits = 3\ntiming = \"slow\"\nline_check = true\nslack_ms = -1\nmax_clients = 0",
         ),
         &[
             "t:4:8: baud takes a whole number, 50 to 4000000, not 49",
@@ -230,6 +230,7 @@ fn a_bus_settings_are_judged() {
             "t:7:10: timing takes \"fast\" or \"wire\", not \"slow\"",
             "t:8:14: line_check takes \"warn\" or \"enforce\" or \"off\", not true",
             "t:9:12: slack_ms takes a whole number, 0 to 10000, not -1",
+            "t:10:15: max_clients takes a whole number, 1 to 1000, not 0",
         ],
     );
 }

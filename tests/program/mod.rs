@@ -281,6 +281,23 @@ impl<T: Read + Write + AsFd> Client<T> {
         bytes
     }
 
+    /// A reply of so many bytes; `None` when the other side ends before it has come.
+    pub fn reply_or_end(&mut self, count: usize) -> Option<Vec<u8>> {
+        let end = Instant::now() + PATIENCE;
+        let mut bytes = vec![0; count];
+        let mut filled = 0;
+        while filled < count && Instant::now() < end {
+            self.wait(PollFlags::POLLIN, PATIENCE);
+            match self.port.read(&mut bytes[filled..]) {
+                Ok(0) => return None,
+                Ok(more) => filled += more,
+                Err(error) if error.kind() == std::io::ErrorKind::WouldBlock => {}
+                Err(_) => return None,
+            }
+        }
+        (filled == count).then_some(bytes)
+    }
+
     /// Sends a request and expects this reply; both without CRC.
     #[track_caller]
     pub fn expect(&mut self, request: &[u8], reply: &[u8]) {
