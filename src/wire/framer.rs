@@ -103,9 +103,11 @@ impl Framer {
         if self.bytes.len() <= strays && self.bytes.iter().all(|byte| *byte == 0) {
             self.bytes.clear();
         }
+        let is_overlong = std::mem::take(&mut self.overrun) || self.bytes.len() > FRAME_MAX;
+        self.bytes.truncate(FRAME_MAX);
         // The bytes are handed out once and forgotten with the next push.
         self.start = self.bytes.len();
-        match std::mem::take(&mut self.overrun) {
+        match is_overlong {
             true => Some(Frame::Overlong(&self.bytes)),
             false => (!self.bytes.is_empty()).then_some(Frame::Damaged(&self.bytes)),
         }
