@@ -47,8 +47,9 @@ pub enum StoreError {
     },
     /// An image cannot be used; it is left as it is.
     #[error(
-        "the memory image {} {problem}; {remedy}, or take it away with `standin memory reset {device}`",
-        file.display()
+        "the memory image {} {problem}; {remedy}, or take it away with `standin memory reset {device} --state {}`",
+        file.display(),
+        file.parent().unwrap_or(Path::new(".")).display()
     )]
     Image {
         /// The file.

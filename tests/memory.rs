@@ -218,7 +218,8 @@ fn bus_20_an_image_that_cannot_be_used_stops_the_start_and_stays_as_it_is() {
         let (status, says) = refused(folder.path(), &charger_on_pty(""), &STATE);
         assert_eq!(status, 1, "{what}: {says}");
         assert!(says.contains("state/charger.json"), "{what}: it names the file: {says}");
-        assert!(says.contains("standin memory reset charger"), "{what}: it names the remedy: {says}");
+        let remedy = format!("`standin memory reset charger --state {}`", folder.path().join("state").display());
+        assert!(says.contains(&remedy), "{what}: it names the remedy: {says}");
         assert_eq!(fs::read_to_string(image(&folder)).unwrap(), text, "{what}: it is left alone");
     }
     assert!(memory(folder.path(), &["reset", "charger"]).contains("as from the factory"));
