@@ -4,7 +4,9 @@ use axum::Json;
 use axum::extract::State;
 use chrono::{NaiveDateTime, Timelike};
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{AdditionalProperties, Object, ObjectBuilder, OneOfBuilder, Schema, Type};
+use utoipa::{PartialSchema, ToSchema};
 
 use super::app::App;
 use super::director::Order;
@@ -51,22 +53,50 @@ pub fn elapsed_s(moment: Moment) -> f64 {
 }
 
 /// A change of the clock: exactly one of the fields.
-#[derive(Clone, Debug, Deserialize, ToSchema)]
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ClockChange {
-    /// Jump to this local date and time; nothing happens in between.
-    #[schema(example = "2014-10-31T15:00:00")]
     now: Option<String>,
-    /// From now on so many simulated seconds a real second, 0 to 86400; 0 stands still.
-    #[schema(minimum = 0, maximum = 86400)]
     rate: Option<f64>,
-    /// Let so many simulated seconds pass; everything in between happens, and the answer comes when it has.
-    #[schema(minimum = 0, maximum = 3155760000.0)]
     advance_s: Option<f64>,
-    /// Let simulated time pass until this local date and time; everything in between happens.
-    #[schema(example = "2014-10-31T18:00:00")]
     until: Option<String>,
 }
+
+impl PartialSchema for ClockChange {
+    fn schema() -> RefOr<Schema> {
+        let number = |about: &str, max: f64| {
+            let number = ObjectBuilder::new().schema_type(Type::Number).minimum(Some(0)).maximum(Some(max));
+            number.description(Some(about)).build()
+        };
+        let time = |about: &str| {
+            let text = ObjectBuilder::new().schema_type(Type::String).description(Some(about));
+            text.examples(["2014-10-31T18:00:00"]).build()
+        };
+        let only = |name: &str, field: Object| {
+            let object = ObjectBuilder::new().property(name, field).required(name);
+            object.additional_properties(Some(AdditionalProperties::<Schema>::FreeForm(false))).build()
+        };
+        let choices = [
+            ("now", time("Jump to this local date and time; nothing happens in between.")),
+            (
+                "rate",
+                number("From now on so many simulated seconds a real second; 0 stands still.", SimClock::RATE_MAX),
+            ),
+            (
+                "advance_s",
+                number(
+                    "Let so many simulated seconds pass; the answer comes when everything in between has happened.",
+                    ADVANCE_S_MAX,
+                ),
+            ),
+            ("until", time("Let simulated time pass until this local date and time; everything in between happens.")),
+        ];
+        let one_of = choices.into_iter().fold(OneOfBuilder::new(), |all, (name, field)| all.item(only(name, field)));
+        one_of.description(Some("Exactly one change of the clock.")).into()
+    }
+}
+
+impl ToSchema for ClockChange {}
 
 /// A change of the clock, judged as far as it can be without looking at the clock.
 #[derive(Clone, Copy, Debug, PartialEq)]

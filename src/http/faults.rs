@@ -4,7 +4,9 @@ use axum::Json;
 use axum::extract::State;
 use axum::http::StatusCode;
 use serde::{Deserialize, Serialize};
-use utoipa::ToSchema;
+use utoipa::openapi::RefOr;
+use utoipa::openapi::schema::{ArrayBuilder, Object, ObjectBuilder, Schema, Type};
+use utoipa::{PartialSchema, ToSchema};
 
 use super::app::{App, Line};
 use super::devices::nearest;
@@ -30,9 +32,10 @@ pub struct FaultPlan {
     /// The device; absent: all of the bus.
     device: Option<String>,
     /// Function codes; absent: all.
-    #[schema(minimum = 1, maximum = 127)]
+    #[schema(value_type = Option<Vec<FunctionCode>>)]
     functions: Option<Vec<u8>>,
     /// First and last address of ranges, both included, one of which the request touches; absent: all.
+    #[schema(value_type = Option<Vec<AddressRange>>)]
     addresses: Option<Vec<(u16, u16)>>,
     /// How likely it hits, 0 to 1; absent: 1.
     #[schema(minimum = 0, maximum = 1)]
@@ -105,6 +108,34 @@ pub enum PlaceName {
     After,
 }
 
+/// A function code, for the description.
+#[derive(Debug)]
+pub struct FunctionCode;
+
+impl PartialSchema for FunctionCode {
+    fn schema() -> RefOr<Schema> {
+        whole(1, 127).into()
+    }
+}
+
+impl ToSchema for FunctionCode {}
+
+/// First and last address of a range, for the description.
+#[derive(Debug)]
+pub struct AddressRange;
+
+impl PartialSchema for AddressRange {
+    fn schema() -> RefOr<Schema> {
+        ArrayBuilder::new().items(whole(0, 65_535)).min_items(Some(2)).max_items(Some(2)).into()
+    }
+}
+
+impl ToSchema for AddressRange {}
+
+fn whole(min: u32, max: u32) -> Object {
+    ObjectBuilder::new().schema_type(Type::Integer).minimum(Some(min)).maximum(Some(max)).build()
+}
+
 /// A fault and what it has done.
 #[derive(Clone, Debug, Default, Serialize, ToSchema)]
 pub struct FaultView {
@@ -127,6 +158,7 @@ pub struct FaultView {
     #[serde(skip_serializing_if = "Option::is_none")]
     functions: Option<Vec<u8>>,
     #[serde(skip_serializing_if = "Option::is_none")]
+    #[schema(value_type = Option<Vec<AddressRange>>)]
     addresses: Option<Vec<(u16, u16)>>,
     #[serde(skip_serializing_if = "Option::is_none")]
     count: Option<u64>,

@@ -25,14 +25,16 @@ pub struct JournalQuery {
     /// To this device.
     device: Option<String>,
     /// Of this function code.
+    #[param(maximum = 255)]
     function: Option<u8>,
     /// That came to this.
     #[param(inline)]
     outcome: Option<OutcomeName>,
     /// That touch this address.
+    #[param(maximum = 65535)]
     address: Option<u16>,
     /// From this real second since the start on.
-    #[param(minimum = 0)]
+    #[param(minimum = 0, maximum = 1000000000)]
     since: Option<f64>,
 }
 
@@ -46,14 +48,16 @@ pub struct ListQuery {
     /// To this device.
     device: Option<String>,
     /// Of this function code.
+    #[param(maximum = 255)]
     function: Option<u8>,
     /// That came to this.
     #[param(inline)]
     outcome: Option<OutcomeName>,
     /// That touch this address.
+    #[param(maximum = 65535)]
     address: Option<u16>,
     /// From this real second since the start on.
-    #[param(minimum = 0)]
+    #[param(minimum = 0, maximum = 1000000000)]
     since: Option<f64>,
     /// The last so many of each bus; absent: all that are kept.
     limit: Option<usize>,
@@ -127,6 +131,9 @@ pub struct FaultHit {
     kind: &'static str,
 }
 
+/// The latest second that may be asked for: thirty years.
+const SINCE_MAX: f64 = 1e9;
+
 /// How many requests.
 #[derive(Clone, Copy, Debug, Serialize, ToSchema)]
 pub struct Count {
@@ -181,6 +188,10 @@ impl Entry {
 impl JournalQuery {
     /// The buses that are meant, and the filter on each.
     fn lines<'a>(&self, app: &'a App) -> Result<Vec<(&'a Line, Filter)>, ApiError> {
+        if let Some(since) = self.since.filter(|since| !(0.0..=SINCE_MAX).contains(since)) {
+            let message = format!("since takes real seconds from 0 to {SINCE_MAX}, not {since}");
+            return Err(ApiError::value(message).of("since"));
+        }
         let filter = Filter {
             station: None,
             function: self.function,
@@ -190,7 +201,7 @@ impl JournalQuery {
                 OutcomeName::Silence => "silence",
             }),
             address: self.address,
-            since_us: self.since.map(|seconds| (seconds.max(0.0) * 1e6) as u64),
+            since_us: self.since.map(|seconds| (seconds * 1e6) as u64),
         };
         let on_bus = self.bus.as_deref().map(|name| app.bus(name).map_err(|error| error.of("bus"))).transpose()?;
         let on_bus = on_bus.map(|(_, line)| line.handle.name.as_str());

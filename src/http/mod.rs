@@ -41,6 +41,7 @@ pub use self::server::Server;
             foreign Host or Origin, 404 not here, 409 not in this state, 413 more than 1 MiB, 422 a value refused."
     ),
     components(schemas(error::Failure)),
+    security((), ("token" = [])),
     tags(
         (name = "status", description = "What runs"),
         (name = "clock", description = "Simulated time"),
