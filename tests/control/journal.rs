@@ -103,6 +103,10 @@ fn ctl_journal_is_filtered_counted_and_emptied() {
     program.get("/api/journal?device=boiler").refused(404, "not_found", Some("device"));
     program.get("/api/journal?bus=line2").refused(404, "not_found", Some("bus"));
     program.get("/api/journal?outcome=fine").refused(422, "bad_value", Some("outcome"));
+    for since in ["-1", "1e10", "NaN"] {
+        program.get(&format!("/api/journal?since={since}")).refused(422, "bad_value", Some("since"));
+        program.get(&format!("/api/journal/count?since={since}")).refused(422, "bad_value", Some("since"));
+    }
     let ids: Vec<u64> = program
         .get("/api/journal?limit=2")
         .ok()

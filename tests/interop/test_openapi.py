@@ -43,7 +43,7 @@ DEPENDING = ["add_fault", "set_inputs", "write_registers", "keep_snapshot", "jou
 def schemathesis(bench: Standin, *args: str) -> str:
     command = [
         sys.executable, "-m", "schemathesis.cli", "run", f"{bench.report['control']}/api/openapi.json",
-        "--header", "Authorization: Bearer correct-horse-battery-staple", "--seed", "2014", "--max-examples", "15",
+        "--header", "Authorization: Bearer correct-horse-battery-staple", "--seed", "2014", "--max-examples", "10",
         "--request-timeout", "20", "--generation-database", "none", "--no-color", *LEFT_OUT, *args,
     ]  # fmt: skip
     result = subprocess.run(command, cwd=bench.dir, capture_output=True, text=True)
