@@ -30,11 +30,11 @@ const DOUBTS_MAX: u32 = 7;
 pub enum Change {
     /// Nothing that matters.
     None,
-    /// The last one has gone.
+    /// The last one that is known of has gone.
     Gone,
     /// The last one has gone, and another has come.
     Replaced,
-    /// It has to be asked whether anybody is there ([`Clients::ask`]).
+    /// It has to be asked whether anybody is there ([`Clients::ask`]), because events may have been merged.
     Unsure,
 }
 
@@ -162,7 +162,9 @@ impl Clients {
         self.doubt = (doubts < DOUBTS_MAX).then(|| (Box::pin(tokio::time::sleep(pause)), doubts + 1));
     }
 
-    /// Finds out whether anybody is there: without our own descriptor, a pty that nobody has open is hung up.
+    /// Finds out whether anybody is there: without our own descriptor, a pty that nobody has open is hung up. Where the
+    /// count says that nobody is, it may have missed one: the kernel merges two openings in one moment, a client's and
+    /// ours among them.
     ///
     /// # Errors
     /// The node cannot be opened again.
@@ -177,6 +179,9 @@ impl Clients {
         let mut events = [PollFd::new(master, PollFlags::POLLIN)];
         poll(&mut events, PollTimeout::ZERO)?;
         let is_alone = events[0].revents().is_some_and(|events| events.contains(PollFlags::POLLHUP));
+        if is_alone {
+            (self.count, self.change, self.doubt) = (0, Change::Gone, None);
+        }
         // Before our own opening, which the kernel would merge with a client's.
         self.look()?;
         match open_node(&self.node) {
@@ -193,11 +198,10 @@ impl Clients {
             Err(error) if error.raw_os_error() == Some(libc::EBUSY) && !is_alone => {}
             Err(error) => return Err(error),
         }
-        if is_alone {
-            (self.count, self.change, self.doubt) = (0, Change::Gone, None);
-        } else if self.change == Change::Unsure {
-            let doubts = self.doubt.take().map_or(0, |(_, doubts)| doubts);
+        if !is_alone && matches!(self.change, Change::Gone | Change::Unsure) {
+            self.count = self.count.max(1);
             self.change = Change::None;
+            let doubts = self.doubt.take().map_or(0, |(_, doubts)| doubts);
             self.doubt_after(doubts);
         }
         Ok(self.change)

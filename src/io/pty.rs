@@ -138,7 +138,7 @@ impl Pty {
                 }
             }
         }
-        if self.clients.change() == Change::Unsure {
+        if matches!(self.clients.change(), Change::Gone | Change::Unsure) {
             self.clients.ask(self.master.get_ref().as_fd())?;
         }
         match self.clients.change() {
