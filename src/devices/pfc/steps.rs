@@ -81,7 +81,7 @@ impl Step {
     }
 
     /// What the step, being in, adds to the reactive power of each phase in kvar, + inductive, at the voltages that it
-    /// hangs on (PFC-10).
+    /// hangs on; a phase without voltage carries nothing (PFC-10).
     pub fn adds_kvar(&self, phase_v: &[f64; 3], line_v: &[f64; 3]) -> [f64; 3] {
         let signed_kvar = if self.is_capacitive { -self.power_kvar } else { self.power_kvar };
         let at_phase = |phase: usize| signed_kvar * (phase_v[phase] / NOMINAL_PHASE_V).powi(2);
@@ -90,8 +90,9 @@ impl Step {
             Connection::Phase(phase) => kvar[phase] = at_phase(phase),
             Connection::Line(line) => {
                 let half_kvar = signed_kvar * (line_v[line] / NOMINAL_LINE_V).powi(2) / 2.0;
-                kvar[line] = half_kvar;
-                kvar[(line + 1) % 3] = half_kvar;
+                for phase in [line, (line + 1) % 3].into_iter().filter(|phase| phase_v[*phase] > 0.0) {
+                    kvar[phase] = half_kvar;
+                }
             }
             Connection::ThreePhase => kvar = std::array::from_fn(|phase| at_phase(phase) / 3.0),
         }
