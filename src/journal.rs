@@ -169,16 +169,20 @@ impl Slip<'_> {
             _ => return None,
         };
         let address = start - first;
-        self.covers(bank, address).then(|| {
-            format!(
-                "{start} is a register number of the {}xxxx kind; on the wire it is {} register {address} ({}), read \
-                 with function {:02}",
-                first / 10_000,
-                bank.name(),
-                self.named(bank, address),
-                reading(bank),
-            )
-        })
+        // A table that begins at 1 has no register for the first number.
+        let meant = if address == 0 && !self.covers(bank, 0) { 1 } else { address };
+        if !self.covers(bank, meant) {
+            return None;
+        }
+        let is = if meant == address { "is" } else { "is 0, which does not exist; the first is" };
+        Some(format!(
+            "{start} is a register number of the {}xxxx kind; on the wire it {is} {} register {meant} ({}), read with \
+             function {:02}",
+            first / 10_000,
+            bank.name(),
+            self.named(bank, meant),
+            reading(bank),
+        ))
     }
 
     /// The same addresses exist under another function.

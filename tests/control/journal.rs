@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use crate::program::{Line, Program};
+use crate::program::{BENCH, Line, Program};
 
 fn last(program: &Program) -> Value {
     program.get("/api/journal?limit=1").ok()[0].clone()
@@ -171,6 +171,18 @@ fn ctl_journal_hints_at_common_mistakes() {
     assert!(float.contains("float 25") && float.contains("low word first"), "{float}");
     let half = hint(&[5, 4, 0, 2, 0, 1]);
     assert!(half.contains("output_voltage takes two registers, 2 and 3"), "{half}");
+}
+
+#[test]
+fn ctl_journal_knows_tables_that_begin_at_1() {
+    let panel = "[[bus.device]]\nname = \"panel\"\nmodel = \"logiccon-pfc24s-tcr\"\nunit = 2\n";
+    let program = Program::start(&format!("{BENCH}{panel}"));
+    let mut line = program.line("line1");
+    // 40001 is 0x9C41; the PFC has no holding register 0, and its last is 249.
+    let first = hint_of(&program, &mut line, &[2, 3, 0x9C, 0x41, 0, 8]);
+    assert!(first.contains("the first is holding register 1 (step_1_type)"), "{first}");
+    let second = hint_of(&program, &mut line, &[2, 3, 0x9C, 0x42, 0, 8]);
+    assert!(second.contains("on the wire it is holding register 1 (step_1_type)"), "{second}");
 }
 
 #[test]
