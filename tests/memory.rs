@@ -208,7 +208,8 @@ fn bus_20_an_image_that_cannot_be_used_stops_the_start_and_stays_as_it_is() {
         ("another model's", good.replace("logiccon-trc", "hmi-volcano-ec")),
         ("of a newer version", good.replace("\"version\": 1", "\"version\": 2")),
         ("of another unit", good.replace("\"configured_unit\": 4", "\"configured_unit\": 5")),
-        ("out of range", good.replace("\"ac_high_limit\": 240", "\"ac_high_limit\": 999")),
+        ("out of range", good.replace("\"baud\": 2", "\"baud\": 9")),
+        ("no word", good.replace("\"ac_high_limit\": 240", "\"ac_high_limit\": 65536")),
         ("lacking a register", good.replace("    \"ac_low_limit\": 180,\n", "")),
         ("with a register too many", good.replace("\"ac_low_limit\"", "\"ac_lower_limit\"")),
     ];

@@ -391,3 +391,25 @@ fn trc_20_an_image_that_makes_no_sense_is_refused() {
         assert!(started.is_err(), "{device} was taken");
     }
 }
+
+#[test]
+fn trc_20_limits_that_were_accepted_are_there_when_the_option_is_taken_away() {
+    // The manual's own example of function 16 (TRC-5).
+    let mut bench = accepting().start();
+    assert_eq!(bench.write_many(UNIT, 9, &[35, 29, 50]), 0);
+    let mut next = plan().start_with(&[Some(bench.saved(""))]);
+    assert_eq!(next.read(UNIT, 3, 9, 3).unwrap(), [35, 29, 50]);
+    assert_eq!(next.write(UNIT, 9, 35), 3);
+}
+
+#[test]
+fn trc_20_an_image_with_line_settings_that_no_write_leaves_is_refused() {
+    // Baud 6 would have wrapped to 1, two stop bits to 0, and unit 256 never was one (TRC-4, TRC-6).
+    let good: Saved = accepting().start().saved("");
+    for (name, raw) in [("baud", 6), ("stop_bits", 2), ("unit", 0), ("unit", 256)] {
+        let mut image = good.clone();
+        image.registers.insert(name.into(), raw);
+        let started = std::panic::catch_unwind(|| accepting().start_with(&[Some(image)]));
+        assert!(started.is_err(), "{name} {raw} was taken");
+    }
+}

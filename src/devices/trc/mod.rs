@@ -180,6 +180,13 @@ impl Device for Trc {
         row.addr == STOP_BITS.addr() || self.stores_any_value || row.admits(number)
     }
 
+    fn holds(&self, row: &Row, number: i64) -> bool {
+        // Line settings are kept as they were wrapped. A limit may come from a run with the other `range_check`: what was
+        // acknowledged then is there (TRC-5, BUS-19).
+        let is_line = [UNIT.addr(), BAUD.addr(), STOP_BITS.addr()].contains(&row.addr);
+        row.admits(number) || !is_line
+    }
+
     fn stage(&self, txn: &mut Txn) {
         // 5 itself is a speed and stays; only beyond it the rest by 5 is taken (TRC-4).
         if txn.get(BAUD) > BAUD_MAX as u16 {
