@@ -305,6 +305,26 @@ fn bus_20_an_image_with_a_foreign_or_missing_register_is_no_image() {
 }
 
 #[test]
+fn bus_20_a_forced_number_never_makes_an_image_that_no_start_takes() {
+    // 0, 300 and 9 are nothing that these registers may hold (TRC-4, TRC-6); what was there before them is kept.
+    let mut bench = trc().start();
+    assert_eq!(bench.write(4, 1, 4), 0);
+    for (name, raw) in [("unit", 0), ("unit", 300), ("baud", 9)] {
+        bench.force(name, raw);
+        assert_eq!(bench.get(name), raw);
+    }
+    // One that it may hold is kept, read-only or not.
+    bench.force("charge_current_limit", 7);
+    let mut next = trc().start_with(&[Some(bench.saved(""))]);
+    assert_eq!(["unit", "baud", "charge_current_limit"].map(|name| next.get(name)), [4, 4, 7]);
+    // What is written after it is kept again.
+    bench.force("baud", 2);
+    assert_eq!(bench.saved("").registers["baud"], 2);
+    bench.force("baud", 10);
+    assert_eq!(bench.saved("").registers["baud"], 2);
+}
+
+#[test]
 fn bus_23_what_a_gone_client_left_is_forgotten() {
     let mut bench = trc().start();
     let (door, request) = (bench.door, framed(&READ_TWO));

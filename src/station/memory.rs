@@ -50,9 +50,17 @@ impl Station {
             version: SAVED_VERSION,
             model: self.kind.name.into(),
             configured_unit: self.configured.unit,
-            registers: kept.map(|member| (member.name(), self.live.regs.raw(member))).collect(),
+            registers: kept.map(|member| (member.name(), self.kept(member))).collect(),
             device: self.live.device.save(&self.live.world, now),
         }
+    }
+
+    fn kept(&self, member: Member) -> i64 {
+        let raw = self.live.regs.raw(member);
+        if self.live.device.holds(member.row, raw) {
+            return raw;
+        }
+        self.live.kept.get(&(member.row.bank, member.addr())).copied().unwrap_or(raw)
     }
 
     pub(super) fn load(&mut self, saved: &Saved) -> Result<(), String> {

@@ -4,13 +4,14 @@
 mod memory;
 mod request;
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 
 pub use self::memory::{SAVED_VERSION, Saved};
 use crate::device::{CrcError, Cx, Device, Effects, Kind, Refusal};
 use crate::image::{Image, Layout, Member, Origin, Write};
 use crate::line::Address;
-use crate::map::Keep;
+use crate::map::{Bank, Keep};
 use crate::options::Options;
 use crate::time::{Instant, Moment, SimClock};
 use crate::world::World;
@@ -42,6 +43,8 @@ pub struct Live {
     power: Power,
     plugged: bool,
     boots: u32,
+    /// What EEPROM keeps in place of forced numbers that it may not hold: those that were there before.
+    kept: BTreeMap<(Bank, u16), i64>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -105,7 +108,15 @@ impl Station {
             answers_crc_errors: kind.profile.crc_error == CrcError::Exception
                 && !options.is("crc_error_reply", "silent"),
             scratch: regs.clone(),
-            live: Live { device: (kind.build)(&options), regs, world, power: Power::Off, plugged: true, boots: 0 },
+            live: Live {
+                device: (kind.build)(&options),
+                regs,
+                world,
+                power: Power::Off,
+                plugged: true,
+                boots: 0,
+                kept: BTreeMap::new(),
+            },
             layout,
             writes: Vec::new(),
             effects: Effects::default(),
@@ -363,8 +374,13 @@ impl Station {
         std::mem::take(&mut self.effects.notes)
     }
 
-    /// Puts a raw number into a register whatever its access; `false` where it does not fit the register's format.
+    /// Puts a raw number into a register whatever its access; `false` where it does not fit the register's format. A
+    /// number that EEPROM may not hold is not kept, because no start would take it back (BUS-20).
     pub fn force(&mut self, member: Member, raw: i64) -> bool {
+        let before = self.live.regs.raw(member);
+        if member.row.keep == Keep::Eeprom && self.live.device.holds(member.row, before) {
+            self.live.kept.insert((member.row.bank, member.addr()), before);
+        }
         let words = member.row.format.encode(raw, self.scale(member));
         for (offset, word) in words.iter().flatten().take(usize::from(member.row.words())).enumerate() {
             self.live.regs.set_word(member.row.bank, member.addr() + offset as u16, *word);
