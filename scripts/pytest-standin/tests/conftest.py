@@ -63,3 +63,11 @@ def project(pytester: pytest.Pytester, binary: str, monkeypatch: pytest.MonkeyPa
         """
     )
     return pytester
+
+
+def passes(project: pytest.Pytester, source: str, *args: str, **outcomes: int) -> pytest.RunResult:
+    """Tries a test in the project; it passes, or ends as the outcomes say."""
+    project.makepyfile(source)
+    result = project.runpytest_subprocess(*args)
+    result.assert_outcomes(**(outcomes or {"passed": 1}))
+    return result

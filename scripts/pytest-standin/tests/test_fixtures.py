@@ -12,14 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from conftest import CONFIG
-
-
-def passes(project: pytest.Pytester, source: str, *args: str, **outcomes: int) -> pytest.RunResult:
-    project.makepyfile(source)
-    result = project.runpytest_subprocess(*args)
-    result.assert_outcomes(**(outcomes or {"passed": 1}))
-    return result
+from conftest import CONFIG, passes
 
 
 def test_a_device_shows_what_the_wire_shows(project: pytest.Pytester) -> None:
@@ -41,6 +34,7 @@ def test_a_device_shows_what_the_wire_shows(project: pytest.Pytester) -> None:
             charger.set(fan_on_temperature=50)
             charger.set({"fan_off_temperature": 20})
             assert client.read_holding_registers(10, count=2, device_id=5).registers == [50, 20]
+            assert standin.device("heater").get("room_temperature") == 20, "an input, where no register has the name"
             charger.force(fan_on_temperature=1000)
             assert client.read_holding_registers(10, device_id=5).registers == [1000]
             client.close()
@@ -63,8 +57,10 @@ def test_refusals_and_wrong_names_are_errors_that_say_why(project: pytest.Pytest
                 standin.device("boiler")
             with pytest.raises(LookupError, match="line1"):
                 standin.port("line2")
-            with pytest.raises(LookupError, match="no register or coil voltage"):
+            with pytest.raises(LookupError, match="no register, coil or input voltage"):
                 standin.device("charger").get("voltage")
+            with pytest.raises(LookupError, match="do you mean zone_temperature_target"):
+                standin.device("heater").raw("zone_temprature_target")
             with pytest.raises(StandinError, match="0 to 500"):
                 standin.device("charger").inputs(ac_voltage=-1)
         """,

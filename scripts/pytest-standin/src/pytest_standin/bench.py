@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from datetime import datetime, timedelta
+from difflib import get_close_matches
 from typing import Any
 
-from .client import Client, segment
+from .client import Client, StandinError, segment
 
 #: What registers, coils and inputs show.
 Quantity = int | float | bool
@@ -19,6 +20,10 @@ class Bench:
     def __init__(self, report: Mapping[str, Any], client: Client) -> None:
         self._report = report
         self._client = client
+        #: The faults that may still be there, and those that were when a snapshot was kept. A reset or a restore gives
+        #: their numbers to others.
+        self._faults: list[Fault] = []
+        self._kept: dict[str, list[Fault]] = {}
         #: Simulated time.
         self.clock = Clock(client)
 
@@ -85,11 +90,25 @@ class Bench:
         plan = {"kind": kind, "bus": bus, **fields}
         if device is not None:
             plan["device"] = device.name
-        return Fault(self._client, self._client.call("POST", "/api/faults", plan))
+        fault = Fault(self._client, self._client.call("POST", "/api/faults", plan))
+        self._faults.append(fault)
+        return fault
 
     def clear_faults(self) -> None:
         """Takes all faults away."""
-        self._client.call("DELETE", "/api/faults")
+        with self._leaving([]):
+            self._client.call("DELETE", "/api/faults")
+
+    @contextmanager
+    def _leaving(self, left: list[Fault]) -> Iterator[None]:
+        """Around a call that takes faults away, all but those left: these go on showing what they were before."""
+        going = [fault for fault in self._faults if fault not in left]
+        for fault in going:
+            fault.look()
+        yield
+        for fault in going:
+            fault.forget()
+        self._faults = [fault for fault in self._faults if fault in left]
 
     def journal(
         self,
@@ -121,15 +140,18 @@ class Bench:
 
     def reset(self) -> None:
         """Back to how the program started."""
-        self._client.call("POST", "/api/reset")
+        with self._leaving([]):
+            self._client.call("POST", "/api/reset")
 
     def snapshot(self, name: str) -> None:
         """Keeps everything as it is under a name."""
         self._client.call("POST", f"/api/snapshots/{segment(name)}")
+        self._kept[name] = list(self._faults)
 
     def restore(self, name: str) -> None:
         """Brings back what was kept."""
-        self._client.call("POST", f"/api/snapshots/{segment(name)}/restore")
+        with self._leaving(self._kept.get(name, self._faults)):
+            self._client.call("POST", f"/api/snapshots/{segment(name)}/restore")
 
 
 class Clock:
@@ -202,21 +224,27 @@ class Device:
         return bool(self.state()["powered"])
 
     def get(self, name: str) -> Quantity:
-        """What a register or coil shows, in its unit of measure; True or False for a coil."""
-        value: Quantity = self._reading(name)["value"]
+        """What a register or coil shows, in its unit of measure; True or False for a coil.
+
+        An input of the world where no register or coil has the name.
+        """
+        value: Quantity = self._reading(name, "registers", "coils", "inputs")["value"]
         return value
 
     def raw(self, name: str) -> int:
         """The number of a register or coil on the wire."""
-        return int(self._reading(name)["raw"])
+        return int(self._reading(name, "registers", "coils")["raw"])
 
-    def _reading(self, name: str) -> dict[str, Any]:
+    def _reading(self, name: str, *groups: str) -> dict[str, Any]:
         state = self.state()
-        for group in (state["registers"], state["coils"]):
-            if name in group:
-                reading: dict[str, Any] = group[name]
+        for group in groups:
+            if name in state[group]:
+                reading: dict[str, Any] = state[group][name]
                 return reading
-        raise LookupError(f"{self.name} has no register or coil {name}")
+        kinds = " or ".join(", ".join(group.removesuffix("s") for group in groups).rsplit(", ", 1))
+        nearest = get_close_matches(name, [known for group in groups for known in state[group]], n=1)
+        tip = f"; do you mean {nearest[0]}?" if nearest else f"; `standin registers {state['model']}` lists them"
+        raise LookupError(f"{self.name} has no {kinds} {name}{tip}")
 
     def set(self, values: Mapping[str, int | bool] | None = None, /, **more: int | bool) -> None:
         """Writes registers and coils, raw numbers, as one write by the device's own rules, as from its front panel."""
@@ -252,7 +280,7 @@ class Fault:
     def __init__(self, client: Client, state: dict[str, Any]) -> None:
         self._client = client
         self._state = state
-        self._is_removed = False
+        self._is_gone = False
 
     @property
     def id(self) -> int:
@@ -262,21 +290,34 @@ class Fault:
     @property
     def hits(self) -> int:
         """How often it has hit, also after it was removed."""
-        return int(self._now()["hits"])
+        self.look()
+        return int(self._state["hits"])
 
     @property
     def is_active(self) -> bool:
         """Whether it may still hit."""
-        return not self._is_removed and bool(self._now()["active"])
+        self.look()
+        return not self._is_gone and bool(self._state["active"])
 
-    def _now(self) -> dict[str, Any]:
-        if not self._is_removed:
-            self._state = self._client.call("GET", f"/api/faults/{self.id}")
-        return self._state
+    def look(self) -> None:
+        """Learns what it has done until now."""
+        self._call("GET")
 
     def remove(self) -> None:
         """Takes it away; once is enough. A reset may have done so before."""
-        if not self._is_removed:
-            if any(fault["id"] == self.id for fault in self._client.call("GET", "/api/faults")):
-                self._state = self._client.call("DELETE", f"/api/faults/{self.id}")
-            self._is_removed = True
+        self._call("DELETE")
+        self.forget()
+
+    def forget(self) -> None:
+        """Stays as it was seen last: it is gone, and another may have its number."""
+        self._is_gone = True
+
+    def _call(self, method: str) -> None:
+        if self._is_gone:
+            return
+        try:
+            self._state = self._client.call(method, f"/api/faults/{self.id}")
+        except StandinError as error:
+            if error.status != 404:
+                raise
+            self.forget()
