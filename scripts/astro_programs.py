@@ -238,7 +238,7 @@ def tour(astro: Astro, _args: argparse.Namespace) -> None:
     astro.change(slot, Program.parse("B", "on", "sunset-1:30", "daily"))
     print(f"changed   {slot:3}: {astro.program(slot)}")
     astro.delete(slot)
-    print(f"deleted   {slot:3}: {astro.program(slot)}\n")
+    print(f"deleted   {slot:3}\n")
     list_programs(astro)
 
 

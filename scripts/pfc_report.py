@@ -3,7 +3,7 @@
 
     pip install pymodbus pyserial
     standin registers logiccon-pfc24s-tcr --format json > pfc.json
-    scripts/pfc_report.py /tmp/standin/line1 --unit 2 --map pfc.json
+    scripts/pfc_report.py /tmp/standin/line1 --unit 3 --map pfc.json
 
 Nothing of the register map is known here but names: addresses, formats and digits come from the exported map. A relay
 with the option `decimal_digits` needs a map whose `scale` says the same.
@@ -209,12 +209,17 @@ def main() -> int:
     """Prints the report of the relay that the command line names."""
     parser = argparse.ArgumentParser(description="Prints a report of a LogiCCon PFC24S-TCR.")
     parser.add_argument("port", help="serial port, such as /tmp/standin/line1")
-    parser.add_argument("--unit", type=int, default=2, help="unit number (default: 2)")
+    parser.add_argument("--unit", type=int, default=3, help="unit number (default: 3)")
     parser.add_argument("--baud", type=int, default=9600, help="speed of the line, with 8N2 (default: 9600)")
     parser.add_argument("--map", default="pfc.json", help="the exported register map (default: pfc.json)")
     args = parser.parse_args()
-    with open(args.map, encoding="utf-8") as file:
-        model = json.load(file)
+    try:
+        with open(args.map, encoding="utf-8") as file:
+            model = json.load(file)
+    except (OSError, ValueError) as error:
+        command = f"standin registers logiccon-pfc24s-tcr --format json > {args.map}"
+        print(f"no map in {args.map} ({error}): {command}", file=sys.stderr)
+        return 1
     with ModbusSerialClient(args.port, baudrate=args.baud, stopbits=2, timeout=1) as client:
         try:
             values = Relay(client, args.unit, model).read()

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Reads every register and bit of every device of a running devices.toml, by name, and prints them as a table.
 
-    pip install pymodbus
+    pip install pymodbus pyserial
     cargo run --release &                      # the devices
     scripts/read_everything.py                 # all of ./devices.toml
     scripts/read_everything.py --device charger --bank input
@@ -33,7 +33,10 @@ def main() -> int:
     """Reads what the command line asks for; 1 where a device does not answer."""
     args = arguments()
     program = args.standin or find_program()
-    config = tomllib.loads(args.config.read_text(encoding="utf-8"))
+    try:
+        config = tomllib.loads(args.config.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        sys.exit(f"{args.config}: {error}")
     failed = False
     for bus in config["bus"]:
         devices = [each for each in bus.get("device", []) if args.device in (None, each["name"])]

@@ -100,7 +100,7 @@ def test_astro_61_to_64_the_tour_leaves_all_as_it_was(astro: tuple[Standin, int]
         f"{listed}\n"
         "added       5: relay B on  at sunset-2:00   mon,tue,wed,thu,fri,sat\n"
         "changed     5: relay B on  at sunset-1:30   daily\n"
-        "deleted     5: None\n\n"
+        "deleted     5\n\n"
         f"{listed}"
     )
 

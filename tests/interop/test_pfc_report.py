@@ -24,7 +24,7 @@ port = "pty:{dir}/line1"
 [[bus.device]]
 name = "panel"
 model = "logiccon-pfc24s-tcr"
-unit = 2
+unit = 3
 inputs = { load_active_a = 15, load_reactive_a = -1.25, load_reactive_b = 20, voltage_c = 261.5, thd_current = 12.5 }
 registers = { compensation = 0, step_3_status = 1, step_3_connection = 4, step_13_status = 1, step_13_type = 0, \
 overvoltage_action = 2, overvoltage_output = 2 }
@@ -38,6 +38,14 @@ def report(bench: Standin, *args: str) -> subprocess.CompletedProcess[str]:
     exported.write_bytes(subprocess.run(command, capture_output=True, check=True).stdout)
     command = [sys.executable, str(SCRIPT), bench.path("line1"), "--map", str(exported), *args]
     return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+def test_a_map_that_is_not_there_is_told() -> None:
+    command = [sys.executable, str(SCRIPT), "/tmp/none", "--map", "none.json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 1
+    assert "standin registers logiccon-pfc24s-tcr --format json > none.json" in done.stderr
+    assert "Traceback" not in done.stderr
 
 
 def section(said: str, heading: str) -> list[str]:
@@ -61,7 +69,7 @@ def test_pfc_10_and_pfc_16_the_report_shows_what_the_panel_does(standin: Callabl
         said = done.stdout
         if "overvoltage" in said:
             break
-    assert said.startswith("LogiCCon PFC24S-TCR power-factor relay, unit 2\n")
+    assert said.startswith("LogiCCon PFC24S-TCR power-factor relay, unit 3\n")
 
     # 2 kvar between B and C at √(230² + 261.5² + 230 · 261.5) = 425.945 V are 2 · (425.945 / 398)² = 2.2907, half on each.
     measured = section(said, "Measurements")

@@ -75,3 +75,9 @@ def test_bus_2_a_device_that_does_not_answer_is_told(four: Standin) -> None:
     assert done.returncode == 1
     assert "No response" in done.stderr
     assert Path(four.path("line1")).exists()
+
+
+def test_a_file_that_is_not_there_is_told() -> None:
+    command = [sys.executable, str(SCRIPT), "none.toml", "--standin", str(binary())]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr.startswith("none.toml: ")) == (1, True)
