@@ -35,8 +35,8 @@ RULED = {
 
 DOCUMENTS = [
     path
-    for path in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), ROOT / "scripts/pytest-standin/README.md"]
-    if path.is_file()
+    for folder in (".", "docs", "docs/devices", "fuzz", "scripts/pytest-standin")
+    for path in sorted((ROOT / folder).glob("*.md"))
 ]
 
 
@@ -96,8 +96,13 @@ def test_files_that_are_named_are_there(document: Path) -> None:
     text = document.read_text(encoding="utf-8")
     links = [link for link in re.findall(r"\]\(([^)#]+)\)", text) if "://" not in link]
     assert [link for link in links if not (document.parent / link).exists()] == []
-    scripts = re.findall(r"\bscripts/[\w./-]*\w", text)
-    assert [script for script in scripts if not (ROOT / script).exists()] == []
+    paths = re.findall(r"(?<![\w./-])(?:docs|fuzz|scripts|src|tests)/[\w./-]*\w", text)
+    assert [path for path in paths if not (ROOT / path).exists()] == []
+
+
+def test_the_readme_names_the_rust_that_is_needed() -> None:
+    [needed] = re.findall(r'^rust-version = "([\d.]+)"$', (ROOT / "Cargo.toml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert f"Rust {needed} or newer" in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("script", sorted((ROOT / "scripts").glob("*.py")), ids=lambda path: path.name)
