@@ -77,7 +77,7 @@ def test_the_page_does_what_it_says(tmp_path: Path, environment: dict[str, str])
                 assert result.returncode == 0, f"{block.text}\n{result.stdout}\n{result.stderr}"
                 said = result.stdout
                 if "pytest" in block.text:
-                    assert "6 passed" in said, said
+                    assert "9 passed" in said, said
     finally:
         for process in in_background:
             process.terminate()

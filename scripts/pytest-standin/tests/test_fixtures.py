@@ -155,6 +155,68 @@ def test_a_reset_within_a_fault_takes_it_away_once(project: pytest.Pytester) -> 
     )
 
 
+def test_wider_fixtures_share_a_bench(project: pytest.Pytester) -> None:
+    passes(
+        project,
+        """
+        import pytest
+        from modbus import connect
+
+        @pytest.fixture(scope="module")
+        def running(standin_module_factory):
+            return standin_module_factory()
+
+        @pytest.fixture(scope="session")
+        def other(standin_session_factory):
+            return standin_session_factory("devices.toml", "--rate", "1")
+
+        @pytest.fixture
+        def bench(running):
+            running.reset()
+            return running
+
+        @pytest.mark.parametrize("number", range(20, 24))
+        def test_it(bench, running, other, number):
+            assert bench is running and bench.port() != other.port()
+            assert bench.device("charger").raw("fan_on_temperature") == 40
+            bench.device("charger").set(fan_on_temperature=number + 1)
+            assert other.clock.rate == 1
+
+        def test_that_fails(bench):
+            client = connect(bench.port())
+            assert not client.read_holding_registers(12, device_id=5).isError()
+        """,
+        passed=4,
+        failed=1,
+    ).stdout.fnmatch_lines(["*standin journal*", "*read holding registers 12+1: exception 02"])
+
+
+def test_paths_are_where_they_were_named(project: pytest.Pytester, binary: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The program starts in the folder of its configuration, and a test may have gone elsewhere."""
+    (project.mkdir("conf") / "bench.toml").write_text(CONFIG)
+    (project.mkdir("bin") / "standin").symlink_to(binary)
+    source = """
+    import pytest
+
+    @pytest.fixture(autouse=True)
+    def elsewhere(tmp_path, monkeypatch):
+        monkeypatch.chdir(tmp_path)
+
+    def test_it(standin):
+        pass
+    """
+    config = ["--standin-config", "conf/bench.toml"]
+    monkeypatch.delenv("STANDIN_BIN")
+    passes(project, source, *config, "--standin-binary", "bin/standin")
+    passes(project, source, *config, "--standin-binary", "bin/standin", "-n", "1")
+    monkeypatch.setenv("STANDIN_BIN", "bin/standin")
+    passes(project, source, *config)
+    monkeypatch.setenv("STANDIN_BIN", "standin-that-is-not-there")
+    passes(project, source, *config, "-o", "standin_binary=bin/standin")
+    monkeypatch.setenv("PATH", f"{project.path / 'bin'}:{os.environ['PATH']}")
+    passes(project, source, *config, "-o", "standin_binary=standin")
+
+
 def test_a_factory_runs_what_a_test_brings(project: pytest.Pytester) -> None:
     passes(
         project,
@@ -166,7 +228,7 @@ def test_a_factory_runs_what_a_test_brings(project: pytest.Pytester) -> None:
         token = "correct-horse-battery"
         [[bus]]
         name = "a"
-        ports = ["pty:/tmp/standin-x/a", "modbus-tcp:127.0.0.1:502"]
+        ports = ["pty:/tmp/standin-x/a", "modbus-tcp:127.0.0.1:502", "pty:/tmp/standin-y/a"]
         [[bus.device]]
         name = "one"
         model = "logiccon-trc"
@@ -184,9 +246,13 @@ def test_a_factory_runs_what_a_test_brings(project: pytest.Pytester) -> None:
             bench = standin_factory(BENCH, "--rate", "0")
             assert bench.buses == ["a", "b"] and bench.clock.rate == 0
             assert bench.port("b").startswith("127.0.0.1:") and not bench.port("b").endswith(":5020")
-            assert len(bench.ports("a")) == 2
+            assert len(set(bench.ports("a"))) == 3
             bench.device("two").set(fan_on_temperature=50)
             assert bench.device("one").raw("fan_on_temperature") == 40
+            (tmp_path / "token.txt").write_text("horse-battery-staple")
+            text = BENCH.replace('token = "correct-horse-battery"', 'token_file = "token.txt"')
+            (tmp_path / "bench.toml").write_text(text)
+            assert standin_factory(tmp_path / "bench.toml").buses == ["a", "b"]
             other = standin_factory("devices.toml")
             assert other.port() != standin.port()
             kept = standin_factory("devices.toml", "--state", str(tmp_path / "memory"))
@@ -205,11 +271,22 @@ def test_what_does_not_start_says_why(project: pytest.Pytester, monkeypatch: pyt
     project.makefile(".toml", devices=CONFIG.replace("logiccon-trc", "logicon-trc"))
     result = passes(project, "def test_it(standin):\n    pass\n", errors=1)
     result.stdout.fnmatch_lines(["*devices.toml:11:9*logiccon-trc*"])
+    result.stdout.no_fnmatch_line("*another exception*")
     result = passes(project, "def test_it(standin):\n    pass\n", "--standin-config", "none.toml", errors=1)
     result.stdout.fnmatch_lines(["*none.toml: No such file*"])
-    monkeypatch.setenv("STANDIN_BIN", "standin-that-is-not-there")
-    result = passes(project, "def test_it(standin):\n    pass\n", errors=1)
-    result.stdout.fnmatch_lines(["*no program standin-that-is-not-there*"])
+    (project.path / "latin.toml").write_bytes("# Gerät\n".encode("latin-1"))
+    result = passes(project, "def test_it(standin):\n    pass\n", "--standin-config", "latin.toml", errors=1)
+    result.stdout.fnmatch_lines(["*latin.toml: not UTF-8*"])
+    wrong = {
+        "standin-that-is-not-there": "*no program standin-that-is-not-there*",
+        "/dev/null": "*/dev/null is no program that can be run: Permission denied*",
+        "true": "*standin does not start:*",
+        "echo": "*echo is not standin: it said run /dev/fd/*",
+    }
+    for program, why in wrong.items():
+        monkeypatch.setenv("STANDIN_BIN", program)
+        result = passes(project, "def test_it(standin):\n    pass\n", errors=1)
+        result.stdout.fnmatch_lines([why])
     project.makeini("[pytest]\n")
     result = passes(project, "def test_it(standin):\n    pass\n", errors=1)
     result.stdout.fnmatch_lines(["*set standin_config*"])

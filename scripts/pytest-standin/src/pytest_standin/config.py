@@ -6,6 +6,7 @@ import re
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 
@@ -22,10 +23,11 @@ class Private:
     token: str | None
 
 
-def private(text: str, pty_path: Callable[[str], str]) -> Private:
+def private(text: str, folder: Path, pty_path: Callable[[str], str]) -> Private:
     """The configuration with ports of its own; `pty_path` gives the path in place of one in the text.
 
-    Serial ports stay what they are: they are hardware. `state` is taken out, so that every bench is fresh.
+    Serial ports stay what they are: they are hardware. `state` is taken out, so that every bench is fresh. `folder` is
+    the one that its paths are relative to.
     """
     try:
         config = tomllib.loads(text)
@@ -44,19 +46,33 @@ def private(text: str, pty_path: Callable[[str], str]) -> Private:
         text = re.sub(r"^[ \t]*state[ \t]*=.*$", "", text[:end], flags=re.MULTILINE) + text[end:]
         if "state" in tomllib.loads(text):
             raise ConfigError("state must stand on a line of its own, above the first table")
-    token = config.get("control", {}).get("token")
-    return Private(text, token if isinstance(token, str) else None)
+    return Private(text, _token(config, folder))
 
 
-def _ports(config: dict[str, Any]) -> set[str]:
+def _token(config: dict[str, Any], folder: Path) -> str | None:
+    control = config.get("control")
+    if not isinstance(control, dict):
+        return None
+    token, file = control.get("token"), control.get("token_file")
+    if isinstance(file, str):
+        try:
+            return (folder / file).read_text(encoding="utf-8").strip()
+        except (OSError, UnicodeDecodeError):
+            # The program says better what is wrong with it.
+            return None
+    return token if isinstance(token, str) else None
+
+
+def _ports(config: dict[str, Any]) -> list[str]:
+    """Every port once, in the order of the file."""
     buses = config.get("bus")
-    found: set[str] = set()
+    found: dict[str, None] = {}
     for bus in buses if isinstance(buses, list) else []:
         if isinstance(bus, dict):
             several = bus.get("ports")
             every = [bus.get("port"), *(several if isinstance(several, list) else [])]
-            found.update(port for port in every if isinstance(port, str))
-    return found
+            found.update((port, None) for port in every if isinstance(port, str))
+    return list(found)
 
 
 def _replaced(text: str, port: str, own: str) -> str:

@@ -31,20 +31,23 @@ class Process:
 
     def __init__(self, binary: str, name: str, text: str, folder: Path, options: list[str]) -> None:
         number = next(_numbers)
+        ptys = itertools.count(1)
 
         def pty_path(path: str) -> str:
             # No folder of our own: the program takes its link away, also when this process is killed.
-            return str(Path(tempfile.gettempdir()) / f"standin-{os.getpid()}-{number}-{Path(path).name}")
+            name = f"standin-{os.getpid()}-{number}.{next(ptys)}-{Path(path).name}"
+            return str(Path(tempfile.gettempdir()) / name)
 
-        config = private(text, pty_path)
+        config = private(text, folder, pty_path)
+        self._name = name
         self._stderr: IO[bytes] = tempfile.TemporaryFile()
         with tempfile.TemporaryFile() as file:
             file.write(config.text.encode())
             file.flush()
             # Read by its number, so that no file is left when this process is killed.
-            own = f"/dev/fd/{file.fileno()}"
+            self._own = f"/dev/fd/{file.fileno()}"
             os.lseek(file.fileno(), 0, os.SEEK_SET)
-            command = [binary, "run", own, "--json", "--exit-with-parent", "--listen", "127.0.0.1:0", *options]
+            command = [binary, "run", self._own, "--json", "--exit-with-parent", "--listen", "127.0.0.1:0", *options]
             try:
                 self._process = subprocess.Popen(
                     command,
@@ -59,8 +62,10 @@ class Process:
                     f"there is no program {binary}: install standin, or name it by --standin-binary, the ini key "
                     "standin_binary or STANDIN_BIN"
                 ) from None
+            except OSError as error:
+                raise StartError(f"{binary} is no program that can be run: {error.strerror}") from None
             try:
-                report = self._ready(own, name)
+                report = self._ready(binary)
             except BaseException:
                 self._process.kill()
                 self._process.wait()
@@ -69,22 +74,25 @@ class Process:
         #: What tests use.
         self.bench = Bench(report, self._client)
 
-    def _ready(self, own: str, name: str) -> dict[str, Any]:
+    def _ready(self, binary: str) -> dict[str, Any]:
         assert self._process.stdout is not None
         pipe, said, end = self._process.stdout.fileno(), b"", time.monotonic() + PATIENCE_S
         while b"\n" not in said:
             readable, _, _ = select.select([pipe], [], [], max(0.0, end - time.monotonic()))
             more = os.read(pipe, 65536) if readable else b""
             if not more:
-                raise StartError(f"standin does not start:\n{self.log()}".replace(own, name))
+                raise StartError(f"standin does not start:\n{self.log() or f'{binary} said nothing'}")
             said += more
-        report: dict[str, Any] = json.loads(said.splitlines()[0])
+        try:
+            report: dict[str, Any] = json.loads(said.splitlines()[0])
+        except ValueError:
+            raise StartError(f"{binary} is not standin: it said {said.decode(errors='replace')}") from None
         return report
 
     def log(self) -> str:
         """What it has said on stderr until now."""
         size = os.fstat(self._stderr.fileno()).st_size
-        return os.pread(self._stderr.fileno(), size, 0).decode(errors="replace")
+        return os.pread(self._stderr.fileno(), size, 0).decode(errors="replace").replace(self._own, self._name)
 
     def stop(self) -> None:
         """Ends it in order; takes it down where that does not help."""
