@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from conftest import passes
@@ -59,7 +61,7 @@ def test_a_program_that_has_ended_is_told_of(project: pytest.Pytester) -> None:
         from pathlib import Path
 
         def test_it(standin):
-            standin.clock.now
+            Path("port").write_text(standin.port())
             children = Path(f"/proc/self/task/{os.getpid()}/children").read_text().split()
             for child in children:
                 os.kill(int(child), signal.SIGKILL)
@@ -68,3 +70,5 @@ def test_a_program_that_has_ended_is_told_of(project: pytest.Pytester) -> None:
         failed=1,
     )
     result.stdout.fnmatch_lines(["*ConnectionError: standin at http://127.0.0.1:* does not answer*"])
+    port = (project.path / "port").read_text()
+    assert port.endswith("-line1") and not Path(port).is_symlink(), "the program could not take its link away"

@@ -31,12 +31,13 @@ class Process:
 
     def __init__(self, binary: str, name: str, text: str, folder: Path, options: list[str]) -> None:
         number = next(_numbers)
-        ptys = itertools.count(1)
+        self._links: list[Path] = []
 
         def pty_path(path: str) -> str:
             # No folder of our own: the program takes its link away, also when this process is killed.
-            name = f"standin-{os.getpid()}-{number}.{next(ptys)}-{Path(path).name}"
-            return str(Path(tempfile.gettempdir()) / name)
+            name = f"standin-{os.getpid()}-{number}.{len(self._links) + 1}-{Path(path).name}"
+            self._links.append(Path(tempfile.gettempdir()) / name)
+            return str(self._links[-1])
 
         config = private(text, folder, pty_path)
         self._name = name
@@ -69,6 +70,7 @@ class Process:
             except BaseException:
                 self._process.kill()
                 self._process.wait()
+                self._unlink()
                 raise
         self._client = Client(report["control"], config.token)
         #: What tests use.
@@ -106,6 +108,12 @@ class Process:
             self._process.wait()
             raise
         finally:
+            self._unlink()
             if self._process.stdout is not None:
                 self._process.stdout.close()
             self._stderr.close()
+
+    def _unlink(self) -> None:
+        """Takes away the links of a program that was killed; one that ended in order has done so itself."""
+        for link in self._links:
+            link.unlink(missing_ok=True)
