@@ -58,7 +58,9 @@ impl Asked {
         match Request::parse(exchange.request.get(1..)?)? {
             Request::Read { bank, start, quantity } => Some(Self { bank, start, quantity, values: Vec::new() }),
             Request::WriteSingle { bank: Bank::Coil, addr, value } => {
-                Some(Self { bank: Bank::Coil, start: addr, quantity: 1, values: vec![u16::from(value == 0xFF00)] })
+                // What is neither on nor off is refused, and told as it was sent.
+                let value = if value == 0xFF00 { 1 } else { value };
+                Some(Self { bank: Bank::Coil, start: addr, quantity: 1, values: vec![value] })
             }
             Request::WriteSingle { bank, addr, value } => {
                 Some(Self { bank, start: addr, quantity: 1, values: vec![value] })

@@ -20,7 +20,7 @@ use super::clock::{civil_text, elapsed_s};
 use super::devices::value_of;
 use super::director::Order;
 use super::error::{ApiError, Failure};
-use super::journal::{Entry, hex, known};
+use super::journal::{Entry, hex};
 use crate::bus::{Event, Exchange, Output};
 use crate::io::Watcher;
 use crate::time::Moment;
@@ -74,7 +74,7 @@ fn events(app: App, receiver: Receiver<Told>) -> impl Stream<Item = Result<Sse, 
     stream::unfold((app, receiver, vec![first]), |(app, mut receiver, mut ready)| async move {
         while ready.is_empty() {
             ready = match receiver.recv().await {
-                Ok(told) => tell(&app, &told).await,
+                Ok(told) => tell(&app, &told),
                 Err(RecvError::Lagged(count)) => vec![event("lost", &json!({ "count": count }))],
                 Err(RecvError::Closed) => return None,
             };
@@ -88,13 +88,11 @@ fn event(name: &str, data: &Value) -> Sse {
     Sse::default().event(name).data(data.to_string())
 }
 
-async fn tell(app: &App, told: &Told) -> Vec<Sse> {
+fn tell(app: &App, told: &Told) -> Vec<Sse> {
     match told {
         Told::Exchange(index, exchange) => {
             let line = &app.buses[*index];
-            // A bus that has ended is told of with the units that it had at the start.
-            let devices = known(line).await.unwrap_or_else(|_| line.devices.clone());
-            let entry = Entry::new(&line.handle.name, &devices, 0, exchange);
+            let entry = Entry::new(&line.handle.name, &line.devices, 0, exchange);
             let mut data = json!(entry);
             if let Value::Object(fields) = &mut data {
                 fields.remove("id");

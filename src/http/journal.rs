@@ -218,7 +218,7 @@ impl JournalQuery {
 }
 
 /// The devices of a bus, with the units that they have now.
-pub async fn known(line: &Line) -> Result<Vec<Known>, ApiError> {
+async fn known(line: &Line) -> Result<Vec<Known>, ApiError> {
     let units = line.call(|bus, _| bus.stations().iter().map(|station| station.address().unit).collect::<Vec<u8>>());
     let units = units.await?;
     Ok(line.devices.iter().zip(units).map(|(device, unit)| Known { unit, ..device.clone() }).collect())

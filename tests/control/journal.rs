@@ -47,6 +47,12 @@ fn ctl_journal_tells_what_was_asked_and_what_came_of_it() {
     assert!(refused["reason"].as_str().unwrap().contains("20 to 60"), "{refused}");
     assert!(refused["clause"].as_str().unwrap().contains("TRC-"), "{refused}");
 
+    for (sent, told) in [(0xFF00_u16, 1), (0, 0), (0x1234, 0x1234)] {
+        let [high, low] = sent.to_be_bytes();
+        line.ask(&[7, 5, 0, 4, high, low]);
+        assert_eq!(last(&program)["values"], json!([told]), "a coil is told as on or off, nonsense as it was sent");
+    }
+
     assert!(line.is_deaf(&[0, 6, 0, 10, 0, 50]));
     let broadcast = last(&program);
     assert_eq!((&broadcast["outcome"], &broadcast["device"]), (&json!("silence"), &Value::Null));
