@@ -190,6 +190,7 @@ fn read_registers(
     for entry in table.entries() {
         let Some(member) = layout.named(entry.key) else {
             let near = problems.nearest(entry.key, layout.members().map(|member| member.name()), 3);
+            let near = if near.is_empty() { ";".into() } else { near };
             let list = format!("`standin registers {}` lists them", kind.name);
             problems.error(entry.key_at, format!("{} has no register {:?}{near} {list}", kind.name, entry.key));
             continue;

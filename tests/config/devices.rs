@@ -113,7 +113,7 @@ fn options_are_known_and_nested_tables_make_dotted_names() {
 fn start_values_are_judged_one_by_one() {
     refused(
         &heater(
-            "[bus.device.registers]\nzone_program = 2\nzone_temperature_actual = 5\nrtc_hour = 1.5\nntc_1_correct = 64736\nlock_keypad = 2\nzone_mod = 1",
+            "[bus.device.registers]\nzone_program = 2\nzone_temperature_actual = 5\nrtc_hour = 1.5\nntc_1_correct = 64736\nlock_keypad = 2\nzone_mod = 1\nbogus = 1",
         ),
         &[
             "t:9:16: zone_program takes 0 to 1, not 2 (VOL-44)",
@@ -122,6 +122,7 @@ fn start_values_are_judged_one_by_one() {
             "t:12:17: ntc_1_correct takes -1440 to 1440, not 64736 (VOL-40)",
             "t:13:15: lock_keypad takes 0 to 1, not 2 (VOL-1)",
             "t:14:1: hmi-volcano-ec has no register \"zone_mod\"; did you mean zone_mode? `standin registers hmi-volcano-ec` lists them",
+            "t:15:1: hmi-volcano-ec has no register \"bogus\"; `standin registers hmi-volcano-ec` lists them",
         ],
     );
 }
