@@ -18,9 +18,17 @@ const fn table() -> [u16; 256] {
     table
 }
 
+/// The CRC of nothing.
+pub(super) const CRC_START: u16 = 0xFFFF;
+
+/// The CRC of what has `crc` and one byte more.
+pub(super) fn crc_step(crc: u16, byte: u8) -> u16 {
+    (crc >> 8) ^ TABLE[usize::from((crc as u8) ^ byte)]
+}
+
 /// The CRC of `bytes`. Over a whole frame, its own CRC included, it is 0.
 pub fn crc16(bytes: &[u8]) -> u16 {
-    bytes.iter().fold(0xFFFF, |crc, byte| (crc >> 8) ^ TABLE[usize::from((crc as u8) ^ byte)])
+    bytes.iter().fold(CRC_START, |crc, byte| crc_step(crc, *byte))
 }
 
 /// Ends a frame with its CRC, low byte first.

@@ -5,8 +5,12 @@
 //! own units only a request's length counts, so that no request can be mistaken for a short reply. What does not end
 //! so is kept until the line falls silent, and is then handed out as damaged. Knows no time: the bus tells it of
 //! silence, and of the units that are ours.
+//!
+//! Where several lengths are allowed, the CRC of a frame's first bytes is good by chance once in 65536: such a frame would
+//! end too early, and what follows it would be lost. So it is followed on to its longest, and the next frame is looked for
+//! behind each length that it may have.
 
-use super::crc::crc16;
+use super::crc::{CRC_START, crc_step};
 use super::pdu::function::{
     READ_COILS, READ_INPUT_REGISTERS, WRITE_MULTIPLE_COILS, WRITE_MULTIPLE_REGISTERS, WRITE_SINGLE_COIL,
     WRITE_SINGLE_REGISTER,
@@ -39,66 +43,116 @@ pub enum Frame<'a> {
 #[derive(Clone, Debug, Default)]
 pub struct Framer {
     bytes: Vec<u8>,
-    /// Where the frame that is being read starts.
+    /// What is before this has been looked at.
+    read: usize,
+    /// Where the last frame ended.
     start: usize,
-    /// Lengths below this have been tried.
-    tried: usize,
+    /// Where the frame that is being read may start, ascending.
+    starts: Vec<Start>,
+    /// So many zero bytes behind the last frame may belong to it.
+    strays: usize,
     /// More than the longest frame came without a silence: only silence helps (BUS-1).
     overrun: bool,
-    /// So many zero bytes at the start may be the end of the frame before: a CRC that ends in zeros is good without
+}
+
+/// A place where a frame may start.
+#[derive(Clone, Copy, Debug)]
+struct Start {
+    at: usize,
+    /// The CRC of what has been looked at from here on.
+    crc: u16,
+    /// So many zero bytes from here on may be the end of the frame before: a CRC that ends in zeros is good without
     /// them too, and only a request's known length tells that they belong to it.
     strays: usize,
+    /// A frame that starts here has been handed out, and is followed on because it may be longer.
+    is_told: bool,
+}
+
+impl Start {
+    fn new(at: usize, strays: usize) -> Self {
+        Self { at, crc: CRC_START, strays, is_told: false }
+    }
 }
 
 impl Framer {
     /// Takes bytes off the line; what is more than may wait is lost.
     pub fn push(&mut self, bytes: &[u8]) {
-        if self.start > 0 {
-            self.bytes.drain(..self.start);
-            self.start = 0;
+        let needed = self.starts.first().map_or(self.start, |first| first.at.min(self.start));
+        if needed > 0 {
+            self.bytes.drain(..needed);
+            self.read -= needed;
+            self.start -= needed;
+            for start in &mut self.starts {
+                start.at -= needed;
+            }
         }
         if self.overrun {
             return;
         }
-        let room = WAITING_MAX.saturating_sub(self.bytes.len());
+        let room = WAITING_MAX.saturating_sub(self.bytes.len() - self.start);
         self.bytes.extend_from_slice(&bytes[..bytes.len().min(room)]);
     }
 
     /// The next whole frame, as soon as its last byte is there. `ours` tells the units that are served here.
     pub fn next_frame(&mut self, ours: impl Fn(u8) -> bool) -> Option<Frame<'_>> {
-        if self.overrun {
-            return None;
-        }
-        let bytes = &self.bytes[self.start..];
-        let found = (0..=self.strays).filter_map(|skip| {
-            let (strays, rest) = bytes.split_at_checked(skip)?;
-            let length = whole_length(rest, self.tried.saturating_sub(skip), &ours)?;
-            strays.iter().all(|byte| *byte == 0).then_some((skip, length))
-        });
-        // The one that ends first, as it would if the bytes came one by one.
-        let Some((skip, length)) = found.min_by_key(|(skip, length)| skip + length) else {
-            let longest = FRAME_MAX + self.strays;
-            self.tried = bytes.len().min(longest);
-            if bytes.len() > longest {
-                self.overrun = true;
-                self.bytes.truncate(self.start + FRAME_MAX);
+        while self.read < self.bytes.len() {
+            if let Some(from) = self.step(&ours) {
+                return Some(Frame::Whole(&self.bytes[from..self.read - CRC_BYTES]));
             }
-            return None;
-        };
-        let start = self.start + skip;
-        self.start = start + length;
-        self.tried = 0;
-        self.strays = if ends_for_certain(&self.bytes[start..], &ours) { 0 } else { CRC_BYTES };
-        Some(Frame::Whole(&self.bytes[start..self.start - CRC_BYTES]))
+        }
+        None
+    }
+
+    /// Looks at one more byte, and tells where the frame starts that it ends.
+    fn step(&mut self, ours: &impl Fn(u8) -> bool) -> Option<usize> {
+        if self.starts.is_empty() && self.read == self.start {
+            self.starts.push(Start::new(self.start, self.strays));
+        }
+        let (byte, end) = (self.bytes[self.read], self.read + 1);
+        self.read = end;
+        let (mut is_end, mut strays) = (false, 0);
+        // The frame that is handed out: the first of our own, else the first.
+        let mut found: Option<(usize, bool)> = None;
+        for start in &mut self.starts {
+            start.crc = crc_step(start.crc, byte);
+            if byte == 0 && end - start.at == 1 {
+                strays = start.strays;
+            }
+            let frame = &self.bytes[start.at..end];
+            if start.crc == 0 && may_end(frame, ours) {
+                is_end = true;
+                let is_new = !std::mem::replace(&mut start.is_told, true);
+                let is_own = is_ours(frame[0], ours);
+                if is_new && found.is_none_or(|(_, is_found_own)| is_own && !is_found_own) {
+                    found = Some((start.at, is_own));
+                }
+            }
+        }
+        if let Some((from, true)) = found {
+            // It was a frame, so nothing else that it might have been was one.
+            self.starts.retain(|start| start.at == from);
+        }
+        let bytes = &self.bytes;
+        self.starts.retain(|start| end - start.at < longest(&bytes[start.at..end], ours));
+        if is_end {
+            let is_certain = found.is_some_and(|(from, _)| ends_for_certain(&bytes[from..end], ours));
+            (self.start, self.strays) = (end, if is_certain { 0 } else { CRC_BYTES });
+            self.starts.push(Start::new(end, self.strays));
+        } else if strays > 0 {
+            self.starts.push(Start::new(end, strays - 1));
+        } else if end - self.start > FRAME_MAX + self.strays {
+            self.overrun = true;
+            self.starts.clear();
+            self.bytes.truncate(self.start + FRAME_MAX);
+            self.read = self.bytes.len();
+        }
+        found.map(|(from, _)| from)
     }
 
     /// The line fell silent: what was not a frame until now is none.
     pub fn silence(&mut self) -> Option<Frame<'_>> {
-        let start = std::mem::replace(&mut self.start, 0);
-        if start > 0 {
-            self.bytes.drain(..start);
-        }
-        self.tried = 0;
+        self.bytes.drain(..self.start);
+        self.starts.clear();
         let strays = std::mem::take(&mut self.strays);
         if self.bytes.len() <= strays && self.bytes.iter().all(|byte| *byte == 0) {
             self.bytes.clear();
@@ -106,7 +160,7 @@ impl Framer {
         let is_overlong = std::mem::take(&mut self.overrun) || self.bytes.len() > FRAME_MAX;
         self.bytes.truncate(FRAME_MAX);
         // The bytes are handed out once and forgotten with the next push.
-        self.start = self.bytes.len();
+        (self.start, self.read) = (self.bytes.len(), self.bytes.len());
         match is_overlong {
             true => Some(Frame::Overlong(&self.bytes)),
             false => (!self.bytes.is_empty()).then_some(Frame::Damaged(&self.bytes)),
@@ -129,32 +183,43 @@ impl Framer {
     }
 }
 
+fn is_ours(unit: u8, ours: impl Fn(u8) -> bool) -> bool {
+    unit == 0 || ours(unit)
+}
+
 /// Whether the length of a frame follows from its bytes, so that not the CRC alone tells where it ends.
 fn ends_for_certain(frame: &[u8], ours: impl Fn(u8) -> bool) -> bool {
-    (frame[0] == 0 || ours(frame[0]))
+    is_ours(frame[0], ours)
         && matches!(frame[1], READ_COILS..=WRITE_SINGLE_REGISTER | WRITE_MULTIPLE_COILS..=WRITE_MULTIPLE_REGISTERS)
 }
 
-/// The length of the frame at the start of `bytes`, if one is whole. Lengths of `tried` and below had no good CRC.
-fn whole_length(bytes: &[u8], tried: usize, ours: impl Fn(u8) -> bool) -> Option<usize> {
-    if bytes.len() < FRAME_MIN {
-        return None;
-    }
-    let ours = bytes[0] == 0 || ours(bytes[0]);
-    let good = |length: usize| {
-        let new = length > tried && (FRAME_MIN..=FRAME_MAX.min(bytes.len())).contains(&length);
-        (new && crc16(&bytes[..length]) == 0).then_some(length)
-    };
-    let counted = |at: usize, rest: usize| bytes.get(at).map_or(0, |count| usize::from(*count) + rest);
-    let (request, reply) = match bytes[1] {
+/// Whether a frame may be as long as this, its CRC being good.
+fn may_end(frame: &[u8], ours: impl Fn(u8) -> bool) -> bool {
+    let length = frame.len();
+    let is_allowed = |(one, other): (usize, usize)| length == one || length == other;
+    (FRAME_MIN..=FRAME_MAX).contains(&length) && lengths(frame, ours).is_none_or(is_allowed)
+}
+
+/// The most bytes that the frame may have that begins so.
+fn longest(begun: &[u8], ours: impl Fn(u8) -> bool) -> usize {
+    let longest = lengths(begun, ours).map_or(FRAME_MAX, |(one, other)| one.max(other));
+    longest.min(FRAME_MAX)
+}
+
+/// The two lengths that are allowed for the frame that begins so: a request's and a reply's, or twice the same. `None`
+/// where only the CRC tells where it ends, or not enough of it is there.
+fn lengths(begun: &[u8], ours: impl Fn(u8) -> bool) -> Option<(usize, usize)> {
+    let &[unit, function, ..] = begun else { return None };
+    let is_ours = is_ours(unit, ours);
+    let counted = |at: usize, rest: usize| begun.get(at).map_or(FRAME_MAX, |count| usize::from(*count) + rest);
+    let (request, reply) = match function {
         READ_COILS..=READ_INPUT_REGISTERS => (8, counted(2, 5)),
         WRITE_SINGLE_COIL | WRITE_SINGLE_REGISTER => (8, 8),
         WRITE_MULTIPLE_COILS | WRITE_MULTIPLE_REGISTERS => (counted(6, 9), 8),
-        0x80.. if !ours => (5, 5),
-        // Of an unknown function only the CRC tells where it ends.
-        _ => return (FRAME_MIN.max(tried + 1)..=bytes.len().min(FRAME_MAX)).find_map(good),
+        0x80.. if !is_ours => (5, 5),
+        _ => return None,
     };
-    if ours { good(request) } else { good(request.min(reply)).or_else(|| good(request.max(reply))) }
+    Some((request, if is_ours { request } else { reply }))
 }
 
 #[cfg(test)]
@@ -252,6 +317,36 @@ mod tests {
                 found.extend(all(&mut framer));
             }
             assert_eq!(found.len(), 2, "{piece} bytes at a time");
+        }
+    }
+
+    #[test]
+    fn bus_6_a_foreign_frame_whose_first_bytes_have_a_good_crc_loses_nothing() {
+        let longer = |begun: &[u8], rest: &[u8]| framed(&[begun, rest].concat());
+        // A reply of six registers, whose first eight bytes are a request too.
+        let reply = longer(&framed(&[9, 3, 12, 1, 2, 3]), &[7; 7]);
+        // A question for some registers, whose first five bytes are an empty reply too.
+        let question = longer(&framed(&[9, 3, 0]), &[5]);
+        // A write of two registers, whose first eight bytes are its reply too.
+        let mut written = (0..=u16::MAX).map(|at| framed(&[&[9, 16], &at.to_be_bytes()[..], &[0, 2]].concat()));
+        let written = written.find(|frame| frame[6] == 4);
+        let write = longer(&written.unwrap(), &[2, 3, 4]);
+        // A function that only the CRC ends, with two such places.
+        let records = longer(&longer(&framed(&[9, 0x14, 200, 6, 1, 2]), &[0x55; 30]), &[0xAA; 150]);
+        let request = framed(&[1, 3, 0, 0x10, 0, 7]);
+        for foreign in [reply, write, question, records] {
+            for piece in [1, foreign.len(), 300] {
+                let mut framer = Framer::default();
+                let mut found = Vec::new();
+                for _ in 0..3 {
+                    for bytes in [foreign.as_slice(), &request].concat().chunks(piece) {
+                        framer.push(bytes);
+                        found.extend(all(&mut framer).into_iter().filter(|frame| frame[0] == 1));
+                    }
+                }
+                assert_eq!(found, vec![request[..6].to_vec(); 3], "{foreign:02X?}, {piece} bytes at a time");
+                assert!(!framer.is_waiting());
+            }
         }
     }
 
