@@ -129,7 +129,8 @@ fn a_wrong_configuration_is_refused_and_nothing_is_started() {
 
 #[test]
 fn a_file_that_is_not_there_is_refused() {
-    refuses(&["check"], &["devices.toml: cannot be read: No such file or directory"]);
+    let remedy = "`standin init` prints an example";
+    refuses(&["check"], &["devices.toml: cannot be read: No such file or directory", remedy]);
     refuses(&["run", "bench.toml"], &["bench.toml: cannot be read: No such file or directory"]);
     refuses(&["chekc"], &["chekc: cannot be read", "Did you mean `standin check`?"]);
     refuses(&["check", "."], &[".: cannot be read: Is a directory"]);

@@ -176,9 +176,13 @@ impl Config {
         let whole =
             |message: String| ConfigError { file: file.clone(), problems: vec![Problem { place: None, message }] };
         let mut bytes = Vec::new();
-        std::fs::File::open(path)
-            .and_then(|opened| opened.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes))
-            .map_err(|error| whole(format!("cannot be read: {error}")))?;
+        std::fs::File::open(path).and_then(|opened| opened.take(FILE_BYTES_MAX + 1).read_to_end(&mut bytes)).map_err(
+            |error| {
+                let is_missing = error.kind() == std::io::ErrorKind::NotFound;
+                let remedy = if is_missing { "; `standin init` prints an example" } else { "" };
+                whole(format!("cannot be read: {error}{remedy}"))
+            },
+        )?;
         if bytes.len() as u64 > FILE_BYTES_MAX {
             return Err(whole(format!("is larger than {FILE_BYTES_MAX} bytes: no devices.toml")));
         }
@@ -203,8 +207,15 @@ impl Config {
         let mut problems = Problems::new(text);
         for broken in &broken {
             let span = broken.span().unwrap_or(text.len()..text.len());
+            let given = text.get(span.clone()).unwrap_or("");
+            if is_bare_word(broken.message(), given) {
+                // The parser goes on with a value that nobody wrote.
+                problems.error(span.start, format!("not TOML: {UNQUOTED}, such as \"{given}\""));
+                problems.settle(span.start);
+                continue;
+            }
             let message = match broken.message() {
-                DUPLICATE_KEY => format!("key {} stands here a second time", text.get(span.clone()).unwrap_or("")),
+                DUPLICATE_KEY => format!("key {given} stands here a second time"),
                 message => format!("not TOML: {message}"),
             };
             problems.error(span.start, message);
@@ -235,10 +246,24 @@ impl Config {
 /// The parser's words for a key that a table has already.
 const DUPLICATE_KEY: &str = "duplicate key";
 
+/// The parser's words for text without quotes.
+const UNQUOTED: &str = "string values must be quoted";
+
+/// The parser's words for text without quotes that begins as `true`, `false`, `inf` or `nan` do.
+const WORDS: [&str; 2] = ["invalid boolean", "invalid float"];
+
+/// Whether a value is text without quotes that the parser takes for another word: `none` for `nan`, `fast` for `false`.
+fn is_bare_word(message: &str, given: &str) -> bool {
+    let words = ["true", "false", "inf", "nan"];
+    WORDS.iter().any(|word| message.starts_with(word))
+        && given.starts_with(|first: char| first.is_ascii_alphabetic())
+        && !words.iter().any(|word| given.eq_ignore_ascii_case(word))
+}
+
 /// What a document with broken lines means is a guess, which would only add wrong errors to right ones. These faults
 /// leave no doubt, so the rest of the file is judged too.
 fn leaves_the_rest_clear(message: &str) -> bool {
-    message == DUPLICATE_KEY || message.starts_with("string values must be quoted")
+    message == DUPLICATE_KEY || message.starts_with(UNQUOTED) || WORDS.iter().any(|word| message.starts_with(word))
 }
 
 /// What is unique in a file, with the place of the first, and what is made once for all devices of a model.

@@ -10,6 +10,8 @@ pub(super) struct Problems<'a> {
     line_starts: Vec<usize>,
     errors: Vec<(usize, String)>,
     warnings: Vec<(usize, String)>,
+    /// Places of which everything has been said.
+    settled: Vec<usize>,
 }
 
 /// Line and column, both from 1, and what is wrong there.
@@ -21,11 +23,18 @@ const ERRORS_WITH_ADVICE: usize = 200;
 impl<'a> Problems<'a> {
     pub(super) fn new(text: &'a str) -> Self {
         let line_starts = std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect();
-        Self { text, line_starts, errors: Vec::new(), warnings: Vec::new() }
+        Self { text, line_starts, errors: Vec::new(), warnings: Vec::new(), settled: Vec::new() }
     }
 
     pub(super) fn error(&mut self, at: usize, message: impl Into<String>) {
-        self.errors.push((at, message.into()));
+        if !self.settled.contains(&at) {
+            self.errors.push((at, message.into()));
+        }
+    }
+
+    /// What is wrong at a place has been said: what else is found there only follows from it.
+    pub(super) fn settle(&mut self, at: usize) {
+        self.settled.push(at);
     }
 
     pub(super) fn warn(&mut self, at: usize, message: impl Into<String>) {

@@ -78,6 +78,26 @@ fn a_slip_that_leaves_the_rest_clear_hides_nothing() {
 }
 
 #[test]
+fn a_word_without_quotes_is_named_and_hides_nothing() {
+    // The parser takes these for beginnings of nan, false, inf and true.
+    let quoted = |word: &str| format!("not TOML: string values must be quoted, such as \"{word}\"");
+    refused(
+        "[[bus]]\nname = infra\nport = tcp\nparity = none\ntiming = fast\nboud = 9600\n",
+        &[
+            &format!("t:2:8: {}", quoted("infra")),
+            &format!("t:3:8: {}", quoted("tcp")),
+            &format!("t:4:10: {}", quoted("none")),
+            &format!("t:5:10: {}", quoted("fast")),
+            "t:6:1: unknown key \"boud\": [[bus]] takes name, port, ports, max_clients, baud, parity, stop_bits, timing, \
+             line_check, slack_ms, device; did you mean baud?",
+        ],
+    );
+    refused(&heater("inputs = { ntc_1_fault = True }"), &["t:8:26: not TOML: invalid boolean, expected `true`"]);
+    let lists = "`standin registers hmi-volcano-ec` lists them";
+    refused(&heater("registers = { qqq = 1 }"), &[&format!("t:8:15: hmi-volcano-ec has no register \"qqq\"; {lists}")]);
+}
+
+#[test]
 fn bytes_that_are_no_text_are_placed_in_characters() {
     let host = civil(2024, 1, 1, 0, 0, 0);
     let error = Config::parse("t", b"# caf\xc3\xa9\n# \xc3\xa9 \xff", &Overrides::default(), host).unwrap_err();
