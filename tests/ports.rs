@@ -186,6 +186,11 @@ fn modbus_tcp_closes_on_those_who_talk_something_else() {
             client.receive(1, PATIENCE).is_empty() && start.elapsed() < PATIENCE,
             "{nonsense:?} keeps its connection"
         );
+        // What was asked before it, in the same breath, is answered.
+        let mut client = connect(&program.address(0, 0));
+        client.send(&[transaction(2, &ASK), nonsense.to_vec()].concat());
+        assert_eq!(client.receive(13, PATIENCE), transaction(2, &ANSWER));
+        assert!(client.receive(1, PATIENCE).is_empty() && start.elapsed() < PATIENCE);
     }
     let mut client = connect(&program.address(0, 0));
     client.send(&transaction(3, &ASK));

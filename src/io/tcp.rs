@@ -154,7 +154,7 @@ impl Client {
             self.outbox.flush(|bytes| self.stream.try_write(bytes))?;
         }
         loop {
-            self.hand_in(framing, ear)?;
+            self.hand_in(framing, ear);
             // A client that does not read, or asks faster than it is answered, is made to wait.
             if self.is_done || ear.heard || self.outbox.is_crowded() || !ear.bus.has_room(self.door) {
                 return Ok(());
@@ -180,16 +180,20 @@ impl Client {
     }
 
     /// Hands in whole requests of Modbus TCP, as long as there is room for them.
-    fn hand_in(&mut self, framing: Framing, ear: &mut Ear<'_>) -> io::Result<()> {
+    fn hand_in(&mut self, framing: Framing, ear: &mut Ear<'_>) {
         if framing == Framing::Rtu {
-            return Ok(());
+            return;
         }
         let mut start = 0;
         while let Some((header, rest)) = self.inbox[start..].split_at_checked(HEADER) {
             let [transaction, protocol, length] = [0, 2, 4].map(|at| u16::from_be_bytes([header[at], header[at + 1]]));
             let length = usize::from(length);
             if protocol != 0 || !(2..=BODY_MAX).contains(&length) {
-                return Err(io::Error::new(io::ErrorKind::InvalidData, "it does not talk Modbus TCP"));
+                debug!("{}: it does not talk Modbus TCP", self.peer);
+                // What it asked before that is answered.
+                self.is_done = true;
+                self.inbox.clear();
+                return;
             }
             let Some(body) = rest.get(..length).filter(|_| ear.bus.has_room(self.door)) else { break };
             ear.bus.receive_pdu(ear.at, self.door, transaction, body[0], &body[1..]);
@@ -197,7 +201,6 @@ impl Client {
             start += HEADER + length;
         }
         self.inbox.drain(..start);
-        Ok(())
     }
 
     fn end(&mut self, error: &io::Error) {
