@@ -7,6 +7,7 @@ use bench::{Bench, Plan, exception, framed};
 use standin::bus::{DoorKind, LineCheck, Output, Timing};
 use standin::line::{Line, Parity};
 use standin::options::OptionValue;
+use standin::station::Outcome;
 use standin::time::Instant;
 
 const READ_TWO: [u8; 6] = [4, 3, 0, 5, 0, 2];
@@ -31,6 +32,25 @@ fn bus_5_frame_timeout_is_three_and_a_half_characters_and_the_slack() {
     plan.settings.line.baud = 38_400;
     plan.settings.slack_ms = 0;
     assert_eq!(plan.settings.frame_timeout_us(), 1750);
+    // Just above 19200 baud 3.5 characters of 11 bits are longer than that.
+    plan.settings.line = Line { baud: 20_000, parity: Parity::None, stop_bits: 2 };
+    assert_eq!(plan.settings.frame_timeout_us(), 1925);
+}
+
+#[test]
+fn bus_1_damage_of_256_bytes_is_no_longer_than_a_frame() {
+    let mut bench = Plan::of("kael-astro-01", 1).start();
+    bench.bus.observe(true);
+    for (length, wanted) in [(256, "the CRC is wrong (BUS-4)"), (257, "more than 256 bytes")] {
+        let door = bench.door;
+        bench.bus.receive(bench.now, door, &[&[1, 3], [0xA5; 255].as_slice()].concat()[..length]);
+        bench.now = bench.now.plus_ms(1000);
+        let told = outputs(&mut bench).into_iter().find_map(|output| match output {
+            Output::Exchange(exchange) => Some(exchange.outcome.clone()),
+            _ => None,
+        });
+        assert!(matches!(told, Some(Outcome::Silence(reason)) if reason.starts_with(wanted)), "{length}: {told:?}");
+    }
 }
 
 #[test]

@@ -21,7 +21,7 @@ use self::segment::{Heard, Route, Segment};
 use crate::line::Line;
 use crate::station::{Saved, Station};
 use crate::time::{Instant, Moment, SimClock};
-use crate::wire::{Frame, Framer};
+use crate::wire::{Frame, Framer, crc16};
 
 /// How long replies take.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -61,8 +61,8 @@ pub struct Settings {
 impl Settings {
     /// The silence that ends what is no frame: 3.5 characters, or 1.75 ms above 19200 baud, and the slack (BUS-5).
     pub fn frame_timeout_us(&self) -> u64 {
-        let silence_us = if self.line.baud > 19_200 { 1750 } else { self.line.half_characters_us(7) };
-        silence_us + self.slack_ms * 1000
+        let least_us = if self.line.baud > 19_200 { 1750 } else { 0 };
+        self.line.half_characters_us(7).max(least_us) + self.slack_ms * 1000
     }
 }
 
@@ -365,8 +365,15 @@ impl Bus {
         };
         segment.counters.bad_frames += 1;
         segment.counters.dropped_bytes += bytes.len() as u64;
-        if overlong || !segment.damaged(from, seen, bytes) {
-            segment.report_damaged(bytes);
+        if overlong {
+            segment.report_damaged(bytes, "more than 256 bytes without a silence are no frame (BUS-1)");
+        } else if !segment.damaged(from, seen, bytes) {
+            let reason = match bytes.len() {
+                0..4 => "fewer than four bytes are no frame (BUS-1)",
+                _ if crc16(bytes) == 0 => "the body has the wrong length for its function (BUS-12)",
+                _ => "the CRC is wrong (BUS-4)",
+            };
+            segment.report_damaged(bytes, reason);
         }
     }
 

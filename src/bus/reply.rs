@@ -9,7 +9,7 @@ use crate::faults::{Hit, Sent};
 use crate::line::Line;
 use crate::station::Outcome;
 use crate::time::Instant;
-use crate::wire::{Exception, FRAME_MAX, Request, append_crc, crc16};
+use crate::wire::{Exception, Request, append_crc, crc16};
 
 /// A reply that has not left yet, or a piece of one.
 #[derive(Debug)]
@@ -120,16 +120,10 @@ impl Segment {
     }
 
     /// Reports bytes that silence ended and that nobody answers.
-    pub(super) fn report_damaged(&mut self, bytes: &[u8]) {
+    pub(super) fn report_damaged(&mut self, bytes: &[u8], reason: &'static str) {
         if !self.is_recording() {
             return;
         }
-        let reason = match bytes.len() {
-            0..4 => "fewer than four bytes are no frame (BUS-1)",
-            FRAME_MAX.. => "more than 256 bytes without a silence are no frame (BUS-1)",
-            _ if crc16(bytes) == 0 => "the body has the wrong length for its function (BUS-12)",
-            _ => "the CRC is wrong (BUS-4)",
-        };
         let told = self.no_frame(bytes, Outcome::Silence(reason));
         self.outputs.push_back(Output::Exchange(Arc::new(told)));
     }
