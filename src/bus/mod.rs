@@ -242,6 +242,15 @@ impl Bus {
 
     /// Takes bytes that came in by a door.
     pub fn receive(&mut self, now: Instant, door: DoorId, bytes: &[u8]) {
+        self.take(now, door, bytes, Framer::push);
+    }
+
+    /// Takes bytes that came in by a door and may begin with what a client before this one has half sent (BUS-23).
+    pub fn receive_mixed(&mut self, now: Instant, door: DoorId, bytes: &[u8]) {
+        self.take(now, door, bytes, Framer::push_mixed);
+    }
+
+    fn take(&mut self, now: Instant, door: DoorId, bytes: &[u8], push: fn(&mut Framer, &[u8])) {
         self.segment.set_now(now);
         let (now, timeout_us) = (self.segment.now, self.settings.frame_timeout_us());
         let Some(index) = self.doors.iter().position(|other| other.id == door) else { return };
@@ -256,7 +265,7 @@ impl Bus {
             }
             Self::silence(door, &mut self.segment);
         }
-        door.framer.push(bytes);
+        push(&mut door.framer, bytes);
         door.heard_at = now;
     }
 

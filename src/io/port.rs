@@ -69,6 +69,13 @@ impl Ear<'_> {
         self.bus.heard_until(self.now, door);
         self.heard = true;
     }
+
+    /// Hands in the first `count` bytes of the buffer, which may begin with what a client before has half sent (BUS-23).
+    pub fn mixed_bytes(&mut self, door: DoorId, count: usize) {
+        self.bus.receive_mixed(self.at, door, &self.buffer[..count]);
+        self.bus.heard_until(self.now, door);
+        self.heard = true;
+    }
 }
 
 /// A port that the configuration names, whether it works at the moment or not.

@@ -98,6 +98,15 @@ impl Pty {
     }
 
     fn hand_in(&mut self, count: usize, ear: &mut Ear<'_>) -> io::Result<()> {
+        self.tell_settings(ear)?;
+        if !self.is_deserted {
+            self.clients.spoke();
+        }
+        ear.bytes(self.door, count);
+        Ok(())
+    }
+
+    fn tell_settings(&mut self, ear: &mut Ear<'_>) -> io::Result<()> {
         if self.is_checked {
             let settings = fd::settings(self.master.get_ref())?;
             let seen = (settings.c_ospeed, if settings.c_cflag & libc::CSTOPB == 0 { 1 } else { 2 });
@@ -105,10 +114,6 @@ impl Pty {
                 ear.bus.line_seen(self.door, seen.0, seen.1);
             }
         }
-        if !self.is_deserted {
-            self.clients.spoke();
-        }
-        ear.bytes(self.door, count);
         Ok(())
     }
 
@@ -143,11 +148,29 @@ impl Pty {
         }
         match self.clients.change() {
             Change::Gone => self.is_deserted = true,
-            Change::Replaced => self.forget_client(ear)?,
+            Change::Replaced => {
+                self.forget_client(ear)?;
+                self.clients.settle()?;
+                return self.hand_in_mixed(count, ear);
+            }
             Change::None | Change::Unsure => {}
         }
         self.clients.settle()?;
         if count > 0 { self.hand_in(count, ear) } else { Ok(()) }
+    }
+
+    /// Hands in what is there when one client has gone and another has come: nobody tells whose it is.
+    fn hand_in_mixed(&mut self, mut count: usize, ear: &mut Ear<'_>) -> io::Result<()> {
+        if count < ear.buffer.len() {
+            let read = read(self.master.get_ref(), &mut ear.buffer[count..]);
+            count += self.count(read)?.unwrap_or(0);
+        }
+        if count > 0 {
+            self.tell_settings(ear)?;
+            self.clients.spoke();
+            ear.mixed_bytes(self.door, count);
+        }
+        Ok(())
     }
 
     /// Drops what the last client has left (BUS-23).

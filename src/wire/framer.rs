@@ -51,6 +51,8 @@ pub struct Framer {
     starts: Vec<Start>,
     /// So many zero bytes behind the last frame may belong to it.
     strays: usize,
+    /// What is before this may begin with a part of a frame that another client has left (BUS-23).
+    mixed_to: usize,
     /// More than the longest frame came without a silence: only silence helps (BUS-1).
     overrun: bool,
 }
@@ -82,6 +84,7 @@ impl Framer {
             self.bytes.drain(..needed);
             self.read -= needed;
             self.start -= needed;
+            self.mixed_to = self.mixed_to.saturating_sub(needed);
             for start in &mut self.starts {
                 start.at -= needed;
             }
@@ -91,6 +94,13 @@ impl Framer {
         }
         let room = WAITING_MAX.saturating_sub(self.bytes.len() - self.start);
         self.bytes.extend_from_slice(&bytes[..bytes.len().min(room)]);
+    }
+
+    /// Takes bytes that may begin with half a frame of another client, nobody knows how much: a frame may start at any of
+    /// them, and those that belong to none are dropped (BUS-23).
+    pub fn push_mixed(&mut self, bytes: &[u8]) {
+        self.push(bytes);
+        self.mixed_to = self.bytes.len();
     }
 
     /// The next whole frame, as soon as its last byte is there. `ours` tells the units that are served here.
@@ -107,6 +117,9 @@ impl Framer {
     fn step(&mut self, ours: &impl Fn(u8) -> bool) -> Option<usize> {
         if self.starts.is_empty() && self.read == self.start {
             self.starts.push(Start::new(self.start, self.strays));
+        } else if (1..=self.mixed_to).contains(&self.read) && self.starts.last().is_none_or(|last| last.at < self.read)
+        {
+            self.starts.push(Start::new(self.read, 0));
         }
         let (byte, end) = (self.bytes[self.read], self.read + 1);
         self.read = end;
@@ -140,7 +153,7 @@ impl Framer {
             self.starts.push(Start::new(end, self.strays));
         } else if strays > 0 {
             self.starts.push(Start::new(end, strays - 1));
-        } else if end - self.start > FRAME_MAX + self.strays {
+        } else if end > self.start.max(self.mixed_to) + FRAME_MAX + self.strays {
             self.overrun = true;
             self.starts.clear();
             self.bytes.truncate(self.start + FRAME_MAX);
@@ -151,6 +164,9 @@ impl Framer {
 
     /// The line fell silent: what was not a frame until now is none.
     pub fn silence(&mut self) -> Option<Frame<'_>> {
+        if std::mem::take(&mut self.mixed_to) > self.start {
+            (self.start, self.overrun) = (self.bytes.len(), false);
+        }
         self.bytes.drain(..self.start);
         self.starts.clear();
         let strays = std::mem::take(&mut self.strays);
@@ -348,6 +364,30 @@ mod tests {
                 assert!(!framer.is_waiting());
             }
         }
+    }
+
+    #[test]
+    fn bus_23_half_a_frame_of_another_client_hides_nothing() {
+        let request = framed(&[1, 3, 0, 0x10, 0, 7]);
+        let (half, rest) = request.split_at(5);
+        for left in [&[][..], &request[..1], half, &[half, half].concat(), &[1; 300]] {
+            for come in 0..=request.len() {
+                let mut framer = Framer::default();
+                framer.push_mixed(&[left, &request[..come]].concat());
+                let mut found = all(&mut framer);
+                framer.push(&request[come..]);
+                found.extend(all(&mut framer));
+                assert_eq!(found, [request[..6].to_vec()], "{} bytes left, {come} come", left.len());
+                assert!(!framer.is_waiting());
+            }
+        }
+        // What nobody completes is dropped, and the next one's damage is damage again.
+        let mut framer = Framer::default();
+        framer.push_mixed(half);
+        assert_eq!(all(&mut framer), Vec::<Vec<u8>>::new());
+        assert_eq!(framer.silence(), None);
+        framer.push(rest);
+        assert_eq!(framer.silence(), Some(Frame::Damaged(rest)));
     }
 
     #[test]
