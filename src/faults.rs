@@ -225,6 +225,11 @@ impl Active {
         if !self.is_active(asked.now) || !self.aims_at(asked) {
             return false;
         }
+        self.draws()
+    }
+
+    /// Whether chance lets it hit now; counts the hit.
+    fn draws(&mut self) -> bool {
         let hits = self.fault.probability >= 1.0 || self.rng.rand_float() < self.fault.probability;
         self.hits += u64::from(hits);
         hits
@@ -286,11 +291,7 @@ impl Faults {
     /// The fault that keeps everything off the bus, if its cable is pulled now.
     pub fn offline(&mut self, now: Instant) -> Option<Hit> {
         let pulled = |active: &&mut Active| matches!(active.fault.kind, FaultKind::Offline) && active.is_active(now);
-        self.list.iter_mut().find(pulled).and_then(|active| {
-            let hits = active.fault.probability >= 1.0 || active.rng.rand_float() < active.fault.probability;
-            active.hits += u64::from(hits);
-            hits.then(|| active.hit())
-        })
+        self.list.iter_mut().filter(pulled).find_map(|active| active.draws().then(|| active.hit()))
     }
 
     /// What becomes of a request that a device would answer.
@@ -352,13 +353,17 @@ impl Faults {
     /// The next burst of noise that is due.
     pub fn noise(&mut self, now: Instant) -> Option<(Hit, Vec<u8>)> {
         let due = |active: &&mut Active| active.noise_at.is_some_and(|at| at <= now && active.is_active(at));
-        let active = self.list.iter_mut().filter(due).min_by_key(|active| active.noise_at)?;
-        let FaultKind::Noise { per_minute } = active.fault.kind else { return None };
-        let count = active.rng.rand_range(1..NOISE_BYTES_MAX + 1);
-        let bytes = random_bytes(&mut active.rng, count as usize);
-        active.hits += 1;
-        active.draw_noise(active.noise_at?, per_minute);
-        Some((active.hit(), bytes))
+        loop {
+            let active = self.list.iter_mut().filter(due).min_by_key(|active| active.noise_at)?;
+            let FaultKind::Noise { per_minute } = active.fault.kind else { return None };
+            let count = active.rng.rand_range(1..NOISE_BYTES_MAX + 1);
+            let bytes = random_bytes(&mut active.rng, count as usize);
+            let is_heard = active.draws();
+            active.draw_noise(active.noise_at?, per_minute);
+            if is_heard {
+                return Some((active.hit(), bytes));
+            }
+        }
     }
 }
 

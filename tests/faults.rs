@@ -86,6 +86,38 @@ fn ctl_fault_delay_waits_and_jitters_within_its_bounds() {
 }
 
 #[test]
+fn ctl_fault_delay_of_one_device_keeps_no_other_waiting() {
+    let mut bench = Plan::of("logiccon-trc", 5).device("logiccon-trc", 6).start();
+    let target = Target { station: Some(0), ..Target::default() };
+    let delay = FaultKind::Delay { ms: 300, jitter_ms: 0 };
+    bench.bus.add_fault(bench.now, Fault { target, count: Some(1), ..fault(delay) });
+    bench.send(&framed(&ASK));
+    assert_eq!(bench.hear_within(100), None);
+    let from = bench.now;
+    bench.send(&framed(&[6, 3, 0, 10, 0, 1]));
+    assert_eq!(bench.hear_within(1), Some(framed(&[6, 3, 2, 0, 40])));
+    // The slow one answers in the order in which it was asked.
+    bench.send(&framed(&[5, 3, 0, 3, 0, 1]));
+    assert_eq!(bench.hear_within(250), Some(framed(&ANSWER)));
+    assert!((199..=201).contains(&(bench.now.since_us(from) / 1000)), "{:?}", bench.now);
+    assert_eq!(bench.hear_within(1), Some(framed(&[5, 3, 2, 1, 19])));
+}
+
+#[test]
+fn ctl_journal_keeps_what_a_gone_client_has_asked() {
+    let mut bench = with(&[FaultKind::Delay { ms: 300, jitter_ms: 0 }]);
+    bench.send(&framed(&ASK));
+    assert_eq!(bench.hear_within(100), None);
+    let door = bench.door;
+    bench.bus.client_closed(door);
+    assert_eq!(bench.hear_within(1500), None);
+    let journal = bench.bus.journal().unwrap();
+    let told = &journal.records().next().unwrap().exchange;
+    assert_eq!((outcome_name(&told.outcome), told.reply.len(), told.faults.len()), ("silence", 0, 1));
+    assert_eq!(journal.tally().hits.get("delay"), Some(&1));
+}
+
+#[test]
 fn ctl_fault_exception_answers_and_does_not_write() {
     let mut bench = with(&[FaultKind::Exception { code: 6 }]);
     assert_eq!(reply(&mut bench, &[5, 6, 0, 10, 0, 50]), Some(framed(&[5, 0x86, 6])));
@@ -171,6 +203,26 @@ fn ctl_fault_offline_hears_and_says_nothing() {
     assert_eq!(hits(&bench), [2]);
     bench.bus.clear_faults();
     assert_eq!(reply(&mut bench, &ASK), Some(framed(&ANSWER)));
+}
+
+#[test]
+fn ctl_fault_offline_counts_what_is_no_frame_too() {
+    let mut bench = charger();
+    bench.bus.add_fault(bench.now, Fault { probability: 0.0, ..fault(FaultKind::Offline) });
+    bench.bus.add_fault(bench.now, Fault { id: 2, ..fault(FaultKind::Offline) });
+    assert_eq!(reply(&mut bench, &ASK), None, "one of two cables is pulled");
+    bench.send(&[5, 3, 0, 10, 0, 1, 0, 0]);
+    assert_eq!(bench.hear_within(500), None);
+    assert_eq!(hits(&bench), [0, 2]);
+    assert_eq!(bench.bus.journal().unwrap().tally().hits.get("offline"), Some(&2));
+}
+
+#[test]
+fn ctl_fault_noise_comes_with_its_probability() {
+    let mut bench = charger();
+    bench.bus.add_fault(bench.now, Fault { probability: 0.0, ..fault(FaultKind::Noise { per_minute: 6000 }) });
+    assert_eq!(bench.hear_within(5000), None);
+    assert_eq!(hits(&bench), [0]);
 }
 
 #[test]

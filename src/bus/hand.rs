@@ -5,7 +5,7 @@ use chrono::NaiveDateTime;
 
 use super::journal::Journal;
 use super::watch::Watch;
-use super::{Bus, Counters};
+use super::{Bus, Counters, Output};
 use crate::faults::{Fault, Faults};
 use crate::station::{self, Station};
 use crate::time::{Instant, Moment, SimClock, civil_difference_us};
@@ -127,7 +127,7 @@ impl Bus {
         segment.held_rate = (segment.clock.rate() != snapshot.rate).then_some(snapshot.rate);
         segment.skew_us = outer.since_us(snapshot.now);
         (segment.now, segment.lived_at, segment.saved_at) = (snapshot.now, snapshot.now, snapshot.now);
-        segment.replies.clear();
+        segment.abandon("what was kept was brought back before the reply left", |_| true);
         segment.undo.clear();
         for (station, live) in segment.stations.iter_mut().zip(&snapshot.lives) {
             station.restore(live.clone());
@@ -144,6 +144,7 @@ impl Bus {
     /// Empties journal and counts, as at the start.
     pub fn forget(&mut self) {
         self.segment.counters = Counters::default();
+        self.segment.outputs.retain(|output| !matches!(output, Output::Exchange(_)));
         if let Some(journal) = &mut self.segment.journal {
             *journal = Journal::default();
         }

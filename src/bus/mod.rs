@@ -17,6 +17,7 @@ use std::sync::Arc;
 pub use self::exchange::{Counters, Event, Exchange, Form};
 pub use self::hand::Snapshot;
 pub use self::journal::{Journal, RECORDS_MAX, REPLY_BOUNDS_US, Record, ReplyTimes, Subject, Tally, outcome_name};
+use self::reply::Due;
 use self::segment::{Heard, Route, Segment};
 use crate::line::Line;
 use crate::station::{Saved, Station};
@@ -236,8 +237,8 @@ impl Bus {
     }
 
     fn forget_reply(&mut self, door: DoorId) {
-        self.segment.replies.retain(|reply| reply.door != door);
         self.segment.outputs.retain(|output| !matches!(output, Output::Transmit { door: to, .. } if *to == door));
+        self.segment.abandon("the client was gone before the reply left (BUS-23)", |reply| reply.door == door);
     }
 
     /// Takes bytes that came in by a door.
@@ -287,12 +288,12 @@ impl Bus {
     /// Whether something that came in by a door is still to be answered, or may be.
     pub fn is_asked(&self, door: DoorId) -> bool {
         let waits = |other: &Door| other.id == door && (!other.requests.is_empty() || other.framer.is_waiting());
-        self.doors.iter().any(waits) || self.segment.replies.iter().any(|reply| reply.door == door)
+        self.doors.iter().any(waits) || self.segment.under_way().any(|reply| reply.door == door)
     }
 
     /// Whether a reply is under way.
     pub fn is_answering(&self) -> bool {
-        !self.segment.replies.is_empty()
+        self.segment.under_way().next().is_some()
     }
 
     /// Takes a request of Modbus TCP.
@@ -321,16 +322,18 @@ impl Bus {
                 }
             }
             segment.undo.clear();
+            segment.part_late();
             if !segment.faults.is_empty() && self.make_noise() {
                 continue;
             }
             let segment = &mut self.segment;
-            if let Some(reply) = segment.replies.front() {
-                if reply.due > segment.now {
-                    return None;
+            match segment.next_reply() {
+                Some(Due::Now(reply)) => {
+                    segment.transmit(*reply);
+                    continue;
                 }
-                segment.transmit();
-                continue;
+                Some(Due::Later) => return None,
+                None => {}
             }
             if !self.next_request() {
                 self.segment.housekeep();
@@ -408,15 +411,16 @@ impl Bus {
         if !segment.outputs.is_empty() {
             return Some(segment.outer(segment.now));
         }
-        let noise = segment.faults.noise_at();
+        let late = segment.late.front().map(|reply| reply.due);
+        let unasked = segment.faults.noise_at().into_iter().chain(late).min();
         if let Some(reply) = segment.replies.front() {
-            return [Some(reply.due), noise].into_iter().flatten().min().map(|at| segment.outer(at));
+            return [Some(reply.due), unasked].into_iter().flatten().min().map(|at| segment.outer(at));
         }
         let timeout_us = self.settings.frame_timeout_us();
         let silences = self.doors.iter().filter(|door| door.framer.is_waiting());
         let silences = silences.map(|door| door.heard_at.plus_us(timeout_us));
         let deadlines = segment.stations.iter().filter_map(Station::deadline);
-        let wake_at = silences.chain(deadlines).chain(segment.housekeeping_at()).chain(noise).min();
+        let wake_at = silences.chain(deadlines).chain(segment.housekeeping_at()).chain(unasked).min();
         wake_at.map(|at| segment.outer(at))
     }
 

@@ -1,5 +1,7 @@
 //! Replies on their way out, what faults make of them, and what is told of them.
 
+use std::collections::VecDeque;
+use std::mem;
 use std::sync::Arc;
 
 use super::segment::{Heard, Route, Segment};
@@ -21,9 +23,23 @@ pub(super) struct Reply {
     /// Unit and function of the reply that these bytes belong to.
     head: [u8; 2],
     heard: Instant,
+    /// A fault holds it back: until it leaves, the line is free for other devices.
+    is_late: bool,
     /// What is counted and told once these bytes have left; earlier pieces of a reply have none.
     end: Option<End>,
 }
+
+/// When the first of the replies that wait leaves.
+#[derive(Debug)]
+pub(super) enum Due {
+    /// It does now.
+    Now(Box<Reply>),
+    /// The line is taken until then.
+    Later,
+}
+
+/// The most pieces of replies that wait beside the line because faults hold them back; more hold up the line.
+const LATE_MAX: usize = 256;
 
 #[derive(Debug)]
 struct End {
@@ -49,7 +65,12 @@ impl Segment {
         }
         let head = [self.scratch[0], self.scratch[1]];
         let (door, transaction, heard_at) = (heard.door, heard.transaction, self.now);
-        let piece = |due, bytes, end| Reply { due, door, transaction, bytes, head, heard: heard_at, end };
+        // A device that is still at its last answer gives none before that.
+        let in_time = due;
+        due = self.late.iter().filter(|reply| reply.head[0] == head[0]).map(|reply| reply.due).fold(due, Instant::max);
+        let mut is_late = due > in_time;
+        let piece =
+            |due, bytes, is_late, end| Reply { due, door, transaction, bytes, head, heard: heard_at, is_late, end };
         let mut sent = None;
         if !self.faults.is_empty() {
             let frame = heard.frame();
@@ -58,11 +79,12 @@ impl Segment {
             let Sent { delay_us, mut pieces } = self.faults.deform(&asked, &self.scratch, previous, &mut hits);
             let all: Vec<u8> = pieces.iter().flat_map(|(_, bytes)| bytes.iter().copied()).collect();
             sent = (all != bytes).then_some(all);
-            due = due.plus_us(delay_us);
+            due = due.max(in_time.plus_us(delay_us));
+            is_late = due > in_time;
             let last = pieces.pop();
             for (gap_us, bytes) in pieces {
                 due = due.plus_us(gap_us);
-                self.replies.push_back(piece(due, bytes, None));
+                self.replies.push_back(piece(due, bytes, is_late, None));
             }
             let Some((gap_us, last)) = last else {
                 self.last_replies[index].clone_from(&self.scratch);
@@ -77,7 +99,7 @@ impl Segment {
             let told = self.exchange(heard, Some(index), outcome, hits);
             Arc::new(Exchange { sent, ..told })
         });
-        self.replies.push_back(piece(due, bytes, Some(End { is_exception, exchange })));
+        self.replies.push_back(piece(due, bytes, is_late, Some(End { is_exception, exchange })));
         due
     }
 
@@ -99,8 +121,16 @@ impl Segment {
             return false;
         }
         self.stations[index].advance(&self.clock, self.now);
-        if !self.stations[index].answers_crc_errors() || self.offline().is_some() {
+        if !self.stations[index].answers_crc_errors() {
             return false;
+        }
+        if let Some(hit) = self.offline() {
+            if !self.is_recording() {
+                return true;
+            }
+            let told = self.no_frame(bytes, Outcome::Silence("the bus is offline"));
+            self.outputs.push_back(Output::Exchange(Arc::new(Exchange { faults: vec![hit], ..told })));
+            return true;
         }
         let frame = vec![bytes[0], bytes[1] | 0x80, Exception::IllegalDataValue as u8];
         let line = self.stations[index].address().line;
@@ -113,9 +143,10 @@ impl Segment {
             Arc::new(told)
         });
         let (head, end) = ([frame[0], frame[1]], Some(End { is_exception: true, exchange }));
+        let (heard, is_late) = (self.now, false);
         let mut bytes = frame;
         append_crc(&mut bytes);
-        self.replies.push_back(Reply { due, door, transaction: None, bytes, head, heard: self.now, end });
+        self.replies.push_back(Reply { due, door, transaction: None, bytes, head, heard, is_late, end });
         true
     }
 
@@ -191,9 +222,54 @@ impl Segment {
         }
     }
 
-    /// Lets the first waiting reply go.
-    pub(super) fn transmit(&mut self) {
-        let Some(Reply { door, transaction, bytes, heard, end, .. }) = self.replies.pop_front() else { return };
+    /// Lets replies that a fault holds back wait beside the line, as far as there is room for them.
+    pub(super) fn part_late(&mut self) {
+        while self.late.len() < LATE_MAX
+            && let Some(index) = self.replies.iter().position(|reply| reply.is_late)
+            && let Some(reply) = self.replies.remove(index)
+        {
+            let place = self.late.partition_point(|other| other.due <= reply.due);
+            self.late.insert(place, reply);
+        }
+    }
+
+    /// All replies that have not left yet.
+    pub(super) fn under_way(&self) -> impl Iterator<Item = &Reply> {
+        self.replies.iter().chain(&self.late)
+    }
+
+    /// Forgets replies that have not left yet; that they were asked for is told all the same.
+    pub(super) fn abandon(&mut self, reason: &'static str, is_meant: impl Fn(&Reply) -> bool) {
+        for replies in [&mut self.replies, &mut self.late] {
+            let (gone, rest) = mem::take(replies).into_iter().partition::<VecDeque<_>, _>(&is_meant);
+            *replies = rest;
+            for mut exchange in gone.into_iter().filter_map(|reply| reply.end?.exchange) {
+                let told = Arc::make_mut(&mut exchange);
+                told.outcome = Outcome::Silence(reason);
+                told.reply.clear();
+                told.sent = None;
+                self.outputs.push_back(Output::Exchange(exchange));
+            }
+        }
+    }
+
+    /// The next reply, unless it is not due yet; `None` when there is none.
+    pub(super) fn next_reply(&mut self) -> Option<Due> {
+        let now = self.now;
+        let is_due = |reply: &Reply| reply.due <= now;
+        if self.late.front().is_some_and(is_due) {
+            return self.late.pop_front().map(|reply| Due::Now(Box::new(reply)));
+        }
+        match self.replies.front() {
+            None => None,
+            Some(reply) if is_due(reply) => self.replies.pop_front().map(|reply| Due::Now(Box::new(reply))),
+            Some(_) => Some(Due::Later),
+        }
+    }
+
+    /// Lets a reply go.
+    pub(super) fn transmit(&mut self, reply: Reply) {
+        let Reply { door, transaction, bytes, heard, end, .. } = reply;
         self.outputs.push_back(Output::Transmit { door, transaction, bytes });
         let Some(End { is_exception, exchange }) = end else { return };
         match is_exception {

@@ -23,7 +23,10 @@ pub(super) struct Segment {
     /// Whether a station is restarting: it has to be woken before routes are believed.
     is_waking: bool,
     pub(super) outputs: VecDeque<Output>,
+    /// Replies on their way in their turn: the line is taken until they have left.
     pub(super) replies: VecDeque<Reply>,
+    /// Replies that faults hold back, the next one first.
+    pub(super) late: VecDeque<Reply>,
     /// Stations as they were before the write that is being kept.
     pub(super) undo: HashMap<usize, station::Live>,
     /// Stations whose image could not be kept though no write was answered for it.
@@ -116,6 +119,7 @@ impl Segment {
             is_waking: false,
             outputs: VecDeque::new(),
             replies: VecDeque::new(),
+            late: VecDeque::new(),
             undo: HashMap::new(),
             unkept: HashSet::new(),
             counters: Counters::default(),
