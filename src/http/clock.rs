@@ -123,7 +123,8 @@ impl ClockChange {
                     let max = SimClock::RATE_MAX;
                     return Err(ApiError::value(format!("rate takes 0 to {max}, not {rate}")).of("rate"));
                 }
-                Ok(Turn::Rate(rate))
+                // Minus nothing is nothing.
+                Ok(Turn::Rate(rate + 0.0))
             }
             (None, None, Some(seconds), None) => {
                 if !(0.0..=ADVANCE_S_MAX).contains(&seconds) {

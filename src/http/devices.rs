@@ -5,14 +5,14 @@ use std::collections::BTreeMap;
 use axum::Json;
 use axum::extract::State;
 use serde::{Deserialize, Serialize};
-use serde_json::{Map, Value};
+use serde_json::Value;
 use utoipa::openapi::RefOr;
 use utoipa::openapi::schema::{ObjectBuilder, Schema, SchemaType, Type};
 use utoipa::{IntoParams, PartialSchema, ToSchema};
 
 use super::app::App;
 use super::error::{ApiError, Failure};
-use super::input::{Body, Query, Segment};
+use super::input::{Body, Named, Query, Segment};
 use super::status::LineView;
 use crate::device::Kind;
 use crate::export;
@@ -269,7 +269,7 @@ pub async fn write(
     State(app): State<App>,
     Segment(name): Segment<String>,
     Query(WriteMode { force }): Query<WriteMode>,
-    Body(values): Body<Map<String, Value>>,
+    Body(Named(values)): Body<Named>,
 ) -> Result<Json<BTreeMap<String, Reading>>, ApiError> {
     let (line, index) = app.device(&name)?;
     let device = &line.devices[index];
@@ -355,7 +355,7 @@ fn not_running(station: &Station) -> ApiError {
 pub async fn set_inputs(
     State(app): State<App>,
     Segment(name): Segment<String>,
-    Body(values): Body<Map<String, Value>>,
+    Body(Named(values)): Body<Named>,
 ) -> Result<Json<BTreeMap<String, InputView>>, ApiError> {
     let (line, index) = app.device(&name)?;
     let kind = line.devices[index].kind;

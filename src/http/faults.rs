@@ -242,7 +242,7 @@ impl FaultPlan {
         let found = line.devices.iter().position(|device| device.name == name);
         found.ok_or_else(|| {
             let names = line.devices.iter().map(|device| device.name.as_str());
-            ApiError::none_of(&format!("device on {}", self.bus), name, names).of("device")
+            ApiError::none_of(&format!("device {name} on"), &self.bus, names).of("device")
         })
     }
 
@@ -405,11 +405,11 @@ async fn all(app: &App) -> Result<Vec<FaultView>, ApiError> {
     Ok(views)
 }
 
-async fn one(app: &App, id: u64) -> Result<FaultView, ApiError> {
+async fn one(app: &App, id: &str) -> Result<FaultView, ApiError> {
     let views = all(app).await?;
     let ids: Vec<String> = views.iter().map(|view| view.id.to_string()).collect();
-    let found = views.into_iter().find(|view| view.id == id);
-    found.ok_or_else(|| ApiError::none_of("fault", &id.to_string(), ids.iter().map(String::as_str)))
+    let found = views.into_iter().zip(&ids).find(|(_, known)| *known == id).map(|(view, _)| view);
+    found.ok_or_else(|| ApiError::none_of("fault", id, ids.iter().map(String::as_str)))
 }
 
 /// All faults, spent ones too, in the order in which they were added.
@@ -423,8 +423,8 @@ pub async fn list(State(app): State<App>) -> Result<Json<Vec<FaultView>>, ApiErr
 #[utoipa::path(get, path = "/api/faults/{id}", tag = "faults", operation_id = "fault",
     params(("id" = u64, Path, description = "The fault's number")),
     responses((status = 200, body = FaultView), (status = "default", body = Failure, description = "An error")))]
-pub async fn show(State(app): State<App>, Segment(id): Segment<u64>) -> Result<Json<FaultView>, ApiError> {
-    one(&app, id).await.map(Json)
+pub async fn show(State(app): State<App>, Segment(id): Segment<String>) -> Result<Json<FaultView>, ApiError> {
+    one(&app, &id).await.map(Json)
 }
 
 /// Adds a fault behind those of its bus.
@@ -445,7 +445,7 @@ pub async fn add(
     let fault = Box::new(Fault { id: 0, kind, target, probability, count, lasts_us, seed });
     let has_seed = plan.seed.is_some();
     let id = Order::send(&app.director, |answer| Order::AddFault(index, fault, has_seed, answer)).await?;
-    Ok((StatusCode::CREATED, Json(one(&app, id).await?)))
+    Ok((StatusCode::CREATED, Json(one(&app, &id.to_string()).await?)))
 }
 
 /// Takes all faults away.
@@ -462,8 +462,9 @@ pub async fn clear(State(app): State<App>) -> Result<StatusCode, ApiError> {
 #[utoipa::path(delete, path = "/api/faults/{id}", tag = "faults", operation_id = "remove_fault",
     params(("id" = u64, Path, description = "The fault's number")),
     responses((status = 200, body = FaultView), (status = "default", body = Failure, description = "An error")))]
-pub async fn remove(State(app): State<App>, Segment(id): Segment<u64>) -> Result<Json<FaultView>, ApiError> {
-    let view = one(&app, id).await?;
+pub async fn remove(State(app): State<App>, Segment(id): Segment<String>) -> Result<Json<FaultView>, ApiError> {
+    let view = one(&app, &id).await?;
+    let id = view.id;
     for line in &app.buses {
         line.call(move |bus, _| bus.remove_fault(id)).await?;
     }

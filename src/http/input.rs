@@ -1,12 +1,17 @@
 //! Bodies, queries and path segments as calls want them, and errors as CTL-2 wants them.
 
+use std::collections::HashSet;
+use std::fmt::{self, Formatter};
 use std::time::Duration;
 
-use axum::body::to_bytes;
+use axum::body::{Bytes, to_bytes};
 use axum::extract::rejection::{PathRejection, QueryRejection};
 use axum::extract::{FromRequest, FromRequestParts, Request};
 use axum::http::request::Parts;
-use serde::de::DeserializeOwned;
+use axum::middleware::Next;
+use axum::response::Response;
+use serde::de::{DeserializeOwned, Error, MapAccess, Visitor};
+use serde::{Deserialize, Deserializer};
 use serde_json::Value;
 
 use super::error::ApiError;
@@ -25,13 +30,55 @@ impl<S: Sync, T: DeserializeOwned> FromRequest<S> for Body<T> {
     type Rejection = ApiError;
 
     async fn from_request(request: Request, _: &S) -> Result<Self, ApiError> {
-        let bytes = tokio::time::timeout(BODY_WITHIN, to_bytes(request.into_body(), BODY_MAX));
-        let bytes = bytes.await.map_err(|_| ApiError::slow())?.map_err(|error| {
-            // Besides its limit, a body fails only with its connection, and then nobody reads this.
-            tracing::debug!("a body was not taken: {error}");
-            ApiError::too_large()
-        })?;
+        let bytes = whole(request.into_body()).await?;
         parse(&bytes).map(Body)
+    }
+}
+
+/// Waits for the body of any call, so that its limits hold for calls too that have no use for one.
+pub async fn await_body(request: Request, next: Next) -> Result<Response, ApiError> {
+    let (parts, body) = request.into_parts();
+    let bytes = whole(body).await?;
+    Ok(next.run(Request::from_parts(parts, bytes.into())).await)
+}
+
+async fn whole(body: axum::body::Body) -> Result<Bytes, ApiError> {
+    let bytes = tokio::time::timeout(BODY_WITHIN, to_bytes(body, BODY_MAX));
+    bytes.await.map_err(|_| ApiError::slow())?.map_err(|error| {
+        // Besides its limit, a body fails only with its connection, and then nobody reads this.
+        tracing::debug!("a body was not taken: {error}");
+        ApiError::too_large()
+    })
+}
+
+/// Values by name, each name once.
+#[derive(Debug)]
+pub struct Named(pub Vec<(String, Value)>);
+
+impl<'de> Deserialize<'de> for Named {
+    fn deserialize<D: Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        from.deserialize_map(NamedVisitor)
+    }
+}
+
+struct NamedVisitor;
+
+impl<'de> Visitor<'de> for NamedVisitor {
+    type Value = Named;
+
+    fn expecting(&self, text: &mut Formatter) -> fmt::Result {
+        text.write_str("values by name")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Named, A::Error> {
+        let (mut values, mut seen) = (Vec::new(), HashSet::new());
+        while let Some((name, value)) = map.next_entry::<String, Value>()? {
+            if !seen.insert(name.clone()) {
+                return Err(A::Error::custom(format!("duplicate field `{name}`")));
+            }
+            values.push((name, value));
+        }
+        Ok(Named(values))
     }
 }
 
@@ -51,13 +98,16 @@ fn parse<T: DeserializeOwned>(bytes: &[u8]) -> Result<T, ApiError> {
 
 /// The error of a value that is not what its field takes; `message` is serde's.
 fn judged(path: &str, message: &str) -> ApiError {
-    let field = message.strip_prefix("unknown field `").and_then(|rest| rest.split('`').next());
+    let told = |what: &str| message.strip_prefix(what).and_then(|rest| rest.split('`').next());
+    let unknown = told("unknown field `");
+    let other = told("missing field `").or_else(|| told("duplicate field `"));
     // Where in the text it stands helps nobody who has written it with a library.
     let message = message.split(" at line ").next().unwrap_or(message);
-    match (field, path) {
-        (Some(field), _) => ApiError::unknown_field(field, message),
-        (None, "." | "") => ApiError::value(message),
-        (None, path) => ApiError::value(format!("{path}: {message}")).of(path),
+    match (unknown, other, path) {
+        (Some(field), ..) => ApiError::unknown_field(field, message),
+        (None, Some(field), _) => ApiError::value(message).of(field),
+        (None, None, "." | "") => ApiError::value(message),
+        (None, None, path) => ApiError::value(format!("{path}: {message}")).of(path),
     }
 }
 

@@ -92,6 +92,7 @@ fn router(app: App) -> Router {
         .route("/api/openapi.json", axum::routing::get(describe))
         .fallback(unknown)
         .method_not_allowed_fallback(wrong_method)
+        .layer(middleware::from_fn(input::await_body))
         .layer(middleware::from_fn_with_state(app.clone(), guard::check))
         .with_state(app)
 }

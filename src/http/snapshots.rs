@@ -28,11 +28,13 @@ const NAME_MAX: usize = 64;
 
 fn judged(name: String) -> Result<String, ApiError> {
     let is_fine = |c: char| c.is_ascii_alphanumeric() || "_-.".contains(c);
-    if (1..=NAME_MAX).contains(&name.len()) && name.chars().all(is_fine) {
+    // A dot and two dots mean other paths to most clients.
+    if (1..=NAME_MAX).contains(&name.len()) && name.chars().all(is_fine) && !name.starts_with('.') {
         return Ok(name);
     }
-    Err(ApiError::value(format!("a snapshot's name has 1 to {NAME_MAX} letters, digits, _, - or ., not {name:?}"))
-        .of("name"))
+    let message =
+        format!("a snapshot's name has 1 to {NAME_MAX} letters, digits, _, - or ., no . first; it is not {name:?}");
+    Err(ApiError::value(message).of("name"))
 }
 
 /// What is kept.
@@ -55,7 +57,7 @@ pub async fn show(State(app): State<App>, Segment(name): Segment<String>) -> Res
 
 /// Keeps devices, EEPROM, inputs, faults and clock as they are now; what was kept under the name is replaced.
 #[utoipa::path(post, path = "/api/snapshots/{name}", tag = "snapshots", operation_id = "keep_snapshot",
-    params(("name" = String, Path, description = "The snapshot", pattern = "^[A-Za-z0-9_.-]{1,64}$")),
+    params(("name" = String, Path, description = "The snapshot", pattern = "^[A-Za-z0-9_-][A-Za-z0-9_.-]{0,63}$")),
     responses((status = 201, body = SnapshotView), (status = "default", body = Failure, description = "An error")))]
 pub async fn keep(
     State(app): State<App>,

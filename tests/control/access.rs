@@ -109,7 +109,7 @@ fn ctl_2_errors_name_what_is_wrong() {
     assert!(bus.refused(404, "not_found", Some("bus")).contains("line1"));
     let added = program.post("/api/faults", json!({"kind": "drop", "bus": "line1"})).ok();
     assert!(program.get("/api/faults/77").refused(404, "not_found", None).contains(&added["id"].to_string()));
-    program.get("/api/faults/first").refused(404, "not_found", None);
+    assert!(program.get("/api/faults/first").refused(404, "not_found", None).contains(&added["id"].to_string()));
     program.post("/api/snapshots/none/restore", json!(null)).refused(404, "not_found", None);
     program.get("/api").refused(404, "not_found", None);
     program.get("/").refused(404, "not_found", None);
@@ -123,7 +123,17 @@ fn ctl_2_errors_name_what_is_wrong() {
 
     // 422: the rule's own words, and its clause.
     program.post("/api/devices/heater/power", json!({"on": "yes"})).refused(422, "bad_value", Some("on"));
-    program.post("/api/devices/heater/power", json!({})).refused(422, "bad_value", None);
+    program.post("/api/devices/heater/power", json!({})).refused(422, "bad_value", Some("on"));
+    let twice = "{\"charge_voltage_limit\": 270, \"charge_voltage_limit\": 271}";
+    let path = "/api/devices/charger/registers";
+    program.call("PATCH", path, twice).refused(422, "bad_value", Some("charge_voltage_limit"));
+    for name in [".", "..", ".hidden"] {
+        program.post(&format!("/api/snapshots/{}", name.replace('.', "%2E")), json!(null)).refused(
+            422,
+            "bad_value",
+            Some("name"),
+        );
+    }
     let rule = program.patch("/api/devices/yard/registers", json!({"rtc_month": 2}));
     assert!(rule.refused(422, "refused", Some("rtc_month")).contains("ASTRO-1"));
     let range = program.patch("/api/devices/charger/registers", json!({"fan_on_temperature": 61}));
@@ -134,6 +144,7 @@ fn ctl_2_errors_name_what_is_wrong() {
     // 413: more than 1 MiB, however it comes.
     let large = format!("{{\"rtc_month\": {}1}}", " ".repeat(1 << 20));
     program.call("PATCH", "/api/devices/yard/registers", &large).refused(413, "too_large", None);
+    program.call("POST", "/api/reset", &large).refused(413, "too_large", None);
     let fits = format!("{{\"rtc_hour\": {}14}}", " ".repeat((1 << 20) - 32));
     program.call("PATCH", "/api/devices/yard/registers", &fits).ok();
 }

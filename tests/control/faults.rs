@@ -117,7 +117,7 @@ fn ctl_faults_judge_their_fields() {
     refused(json!({"kind": "stuck_register", "device": "charger", "name": "unit", "value": 65536}), "value");
     let other = json!({"kind": "drop", "bus": "line1", "device": "boiler"});
     assert!(program.post("/api/faults", other).refused(404, "not_found", Some("device")).contains("charger"));
-    program.post("/api/faults", json!({"kind": "drop"})).refused(422, "bad_value", None);
+    program.post("/api/faults", json!({"kind": "drop"})).refused(422, "bad_value", Some("bus"));
     assert_eq!(program.get("/api/faults").ok(), json!([]));
 }
 
