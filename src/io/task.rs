@@ -133,6 +133,9 @@ impl BusTask {
                     let now = self.clock.now();
                     command(&mut self.bus, now);
                     self.drain(now).await;
+                    // Commands may come without a gap, as the steps of an advance do: what has come in by the ports in
+                    // between is only seen when the runtime has its turn.
+                    tokio::task::yield_now().await;
                 }
                 Some(Message::Stop) => break,
                 None => {}

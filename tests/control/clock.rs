@@ -130,7 +130,16 @@ fn ctl_clock_is_the_same_on_all_buses() {
 #[test]
 fn ctl_clock_advance_lets_the_bus_answer_all_the_while() {
     let program = Program::bench();
-    let is_done = AtomicBool::new(false);
+    let attempt = || longest_wait_while_time_advances(&program);
+    // A busy machine may keep a program waiting, too, but not time and again; without its turn behind each step a request
+    // waits for dozens of them.
+    let waits: Vec<Duration> = std::iter::repeat_with(attempt).take(8).collect();
+    assert!(waits.iter().any(|wait| *wait < Duration::from_millis(25)), "{waits:?}");
+}
+
+/// How long the slowest reply took while a quarter of a second was full of advances.
+fn longest_wait_while_time_advances(program: &Program) -> Duration {
+    let (started, is_done) = (Instant::now(), AtomicBool::new(false));
     let (count, longest) = thread::scope(|scope| {
         let reader = scope.spawn(|| {
             let mut line = program.line("line1");
@@ -143,14 +152,12 @@ fn ctl_clock_advance_lets_the_bus_answer_all_the_while() {
             }
             (count, longest)
         });
-        let started = Instant::now();
-        while started.elapsed() < Duration::from_secs(1) {
+        while started.elapsed() < Duration::from_millis(250) {
             program.patch("/api/clock", json!({"advance_s": 90 * 86_400})).ok();
         }
         is_done.store(true, Ordering::Relaxed);
         reader.join().unwrap()
     });
-    // One blocked advance of ninety days would take longer than this.
-    assert!(count >= 20, "only {count} requests were answered");
-    assert!(longest < Duration::from_millis(500), "{longest:?}");
+    // Who was hardly answered at all has waited all the time.
+    if count < 5 { started.elapsed() } else { longest }
 }
