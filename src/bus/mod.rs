@@ -13,11 +13,11 @@ mod watch;
 
 use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
+use std::task::Poll;
 
 pub use self::exchange::{Counters, Event, Exchange, Form};
 pub use self::hand::Snapshot;
 pub use self::journal::{Journal, RECORDS_MAX, REPLY_BOUNDS_US, Record, ReplyTimes, Subject, Tally, outcome_name};
-use self::reply::Due;
 use self::segment::{Heard, Route, Segment};
 use crate::line::Line;
 use crate::station::{Saved, Station};
@@ -328,12 +328,12 @@ impl Bus {
             }
             let segment = &mut self.segment;
             match segment.next_reply() {
-                Some(Due::Now(reply)) => {
-                    segment.transmit(*reply);
+                Poll::Ready(Some(reply)) => {
+                    segment.transmit(reply);
                     continue;
                 }
-                Some(Due::Later) => return None,
-                None => {}
+                Poll::Pending => return None,
+                Poll::Ready(None) => {}
             }
             if !self.next_request() {
                 self.segment.housekeep();

@@ -3,6 +3,7 @@
 use std::collections::VecDeque;
 use std::mem;
 use std::sync::Arc;
+use std::task::Poll;
 
 use super::segment::{Heard, Route, Segment};
 use super::{DoorId, DoorKind, Event, Exchange, Form, Output, Timing};
@@ -29,15 +30,6 @@ pub(super) struct Reply {
     end: Option<End>,
 }
 
-/// When the first of the replies that wait leaves.
-#[derive(Debug)]
-pub(super) enum Due {
-    /// It does now.
-    Now(Box<Reply>),
-    /// The line is taken until then.
-    Later,
-}
-
 /// The most pieces of replies that wait beside the line because faults hold them back; more hold up the line.
 const LATE_MAX: usize = 256;
 
@@ -59,7 +51,9 @@ impl Segment {
     ) -> Instant {
         let delay_us = self.delay_us(index, line, heard.kind, heard.pdu.len() + 3, self.scratch.len() + 2);
         let mut due = self.now.plus_us(delay_us);
-        let mut bytes = self.scratch.clone();
+        // With room for the CRC.
+        let mut bytes = Vec::with_capacity(self.scratch.len() + 2);
+        bytes.extend_from_slice(&self.scratch);
         if heard.transaction.is_none() {
             append_crc(&mut bytes);
         }
@@ -253,17 +247,16 @@ impl Segment {
         }
     }
 
-    /// The next reply, unless it is not due yet; `None` when there is none.
-    pub(super) fn next_reply(&mut self) -> Option<Due> {
+    /// The next reply; pending while the line is taken by one that is not due yet.
+    pub(super) fn next_reply(&mut self) -> Poll<Option<Reply>> {
         let now = self.now;
         let is_due = |reply: &Reply| reply.due <= now;
         if self.late.front().is_some_and(is_due) {
-            return self.late.pop_front().map(|reply| Due::Now(Box::new(reply)));
+            return Poll::Ready(self.late.pop_front());
         }
         match self.replies.front() {
-            None => None,
-            Some(reply) if is_due(reply) => self.replies.pop_front().map(|reply| Due::Now(Box::new(reply))),
-            Some(_) => Some(Due::Later),
+            Some(reply) if !is_due(reply) => Poll::Pending,
+            _ => Poll::Ready(self.replies.pop_front()),
         }
     }
 

@@ -3,6 +3,7 @@
 //! The buses hand their events to a channel that never waits: a reader that does not keep up loses the oldest and is told
 //! how many.
 
+use std::collections::VecDeque;
 use std::convert::Infallible;
 use std::sync::Arc;
 use std::time::Duration;
@@ -11,8 +12,9 @@ use axum::extract::State;
 use axum::response::sse::{Event as Sse, KeepAlive};
 use axum::response::{IntoResponse, Response};
 use futures_util::stream::{self, Stream};
+use serde::Serialize;
 use serde_json::{Value, json};
-use tokio::sync::broadcast::error::RecvError;
+use tokio::sync::broadcast::error::{RecvError, TryRecvError};
 use tokio::sync::broadcast::{self, Receiver};
 
 use super::app::App;
@@ -20,7 +22,7 @@ use super::clock::{civil_text, elapsed_s};
 use super::devices::value_of;
 use super::director::Order;
 use super::error::{ApiError, Failure};
-use super::journal::{Entry, hex};
+use super::journal::{ExchangeView, hex};
 use crate::bus::{Event, Exchange, Output};
 use crate::io::Watcher;
 use crate::time::Moment;
@@ -36,6 +38,13 @@ pub enum Told {
 
 /// Events that wait for a reader before the oldest are lost.
 pub const WAITING_MAX: usize = 1024;
+
+/// The most events that a reader gets in a row.
+const IN_A_ROW_MAX: usize = 256;
+
+/// The pause behind events in a row: a bus that is asked as fast as it answers must not spend its time on waking its readers
+/// for each event.
+const PAUSE: Duration = Duration::from_millis(4);
 
 /// How often a stream says that it is still there.
 const ALIVE_EVERY: Duration = Duration::from_secs(15);
@@ -69,43 +78,76 @@ pub async fn follow(State(app): State<App>) -> Result<Response, ApiError> {
     Ok(axum::response::Sse::new(events(app, receiver)).keep_alive(alive).into_response())
 }
 
-fn events(app: App, receiver: Receiver<Told>) -> impl Stream<Item = Result<Sse, Infallible>> {
-    let first = Sse::default().comment("standin");
-    stream::unfold((app, receiver, vec![first]), |(app, mut receiver, mut ready)| async move {
-        while ready.is_empty() {
-            ready = match receiver.recv().await {
-                Ok(told) => tell(&app, &told),
-                Err(RecvError::Lagged(count)) => vec![event("lost", &json!({ "count": count }))],
-                Err(RecvError::Closed) => return None,
+/// Somebody who follows the events.
+struct Follower {
+    app: App,
+    receiver: Receiver<Told>,
+    ready: VecDeque<Sse>,
+    /// Events since the last pause.
+    in_a_row: usize,
+}
+
+impl Follower {
+    /// What comes next; `None` when the program ends.
+    async fn next(&mut self) -> Option<Sse> {
+        loop {
+            if let Some(ready) = self.ready.pop_front() {
+                return Some(ready);
+            }
+            if self.in_a_row == IN_A_ROW_MAX {
+                self.pause().await;
+            }
+            let told = match self.receiver.try_recv() {
+                Err(TryRecvError::Empty) if self.in_a_row > 0 => {
+                    self.pause().await;
+                    continue;
+                }
+                Err(TryRecvError::Empty) => self.receiver.recv().await,
+                Ok(told) => Ok(told),
+                Err(TryRecvError::Lagged(count)) => Err(RecvError::Lagged(count)),
+                Err(TryRecvError::Closed) => return None,
             };
+            self.in_a_row += 1;
+            match told {
+                Ok(told) => tell(&self.app, &told, &mut self.ready),
+                Err(RecvError::Lagged(count)) => self.ready.push_back(event("lost", &json!({ "count": count }))),
+                Err(RecvError::Closed) => return None,
+            }
         }
-        let next = ready.remove(0);
-        Some((Ok(next), (app, receiver, ready)))
+    }
+
+    async fn pause(&mut self) {
+        self.in_a_row = 0;
+        tokio::time::sleep(PAUSE).await;
+    }
+}
+
+fn events(app: App, receiver: Receiver<Told>) -> impl Stream<Item = Result<Sse, Infallible>> {
+    let ready = VecDeque::from([Sse::default().comment("standin")]);
+    let follower = Follower { app, receiver, ready, in_a_row: 0 };
+    stream::unfold(follower, |mut follower| async move {
+        let next = follower.next().await?;
+        Some((Ok(next), follower))
     })
 }
 
-fn event(name: &str, data: &Value) -> Sse {
-    Sse::default().event(name).data(data.to_string())
+fn event(name: &str, data: &impl Serialize) -> Sse {
+    // Structs of text and numbers always have a JSON form.
+    Sse::default().event(name).data(serde_json::to_string(data).unwrap_or_default())
 }
 
-fn tell(app: &App, told: &Told) -> Vec<Sse> {
+fn tell(app: &App, told: &Told, ready: &mut VecDeque<Sse>) {
     match told {
         Told::Exchange(index, exchange) => {
             let line = &app.buses[*index];
-            let entry = Entry::new(&line.handle.name, &line.devices, 0, exchange);
-            let mut data = json!(entry);
-            if let Value::Object(fields) = &mut data {
-                fields.remove("id");
-                fields.remove("hint");
-            }
-            let hits = exchange.faults.iter().map(|hit| {
-                let device = data["device"].clone();
-                event("fault", &json!({ "bus": line.handle.name, "id": hit.id, "kind": hit.kind, "device": device }))
-            });
-            let hits: Vec<Sse> = hits.collect();
-            std::iter::once(event("exchange", &data)).chain(hits).collect()
+            let bus = &line.handle.name;
+            let view = ExchangeView::new(bus, &line.devices, exchange);
+            ready.push_back(event("exchange", &view));
+            ready.extend(exchange.faults.iter().map(|hit| {
+                event("fault", &json!({ "bus": bus, "id": hit.id, "kind": hit.kind, "device": view.device }))
+            }));
         }
-        Told::Event(index, told) => vec![told_event(app, *index, told)],
+        Told::Event(index, told) => ready.push_back(told_event(app, *index, told)),
     }
 }
 

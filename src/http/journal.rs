@@ -75,13 +75,22 @@ pub enum OutcomeName {
     Silence,
 }
 
-/// A request and what came of it.
+/// A request that is kept.
 #[derive(Clone, Debug, Serialize, ToSchema)]
 pub struct Entry {
     /// Its number on its bus, ascending.
     id: u64,
+    #[serde(flatten)]
+    exchange: ExchangeView,
+    /// What it may have been meant to be, where it looks like a common mistake; else `null`.
+    hint: Option<String>,
+}
+
+/// A request and what came of it.
+#[derive(Clone, Debug, Serialize, ToSchema)]
+pub struct ExchangeView {
     /// The bus.
-    bus: String,
+    pub bus: String,
     /// Real seconds since the start when its last byte was there.
     elapsed_s: f64,
     /// Simulated date and time then.
@@ -89,7 +98,7 @@ pub struct Entry {
     /// The unit that it asked; 0 is a broadcast.
     unit: u8,
     /// The device that it reached; `null` for none.
-    device: Option<String>,
+    pub device: Option<String>,
     /// Function code.
     function: u8,
     /// What that is called.
@@ -118,8 +127,6 @@ pub struct Entry {
     sent: Option<String>,
     /// The faults that hit it.
     faults: Vec<FaultHit>,
-    /// What it may have been meant to be, where it looks like a common mistake; else `null`.
-    hint: Option<String>,
 }
 
 /// A fault that hit a request.
@@ -148,7 +155,14 @@ pub fn hex(bytes: &[u8]) -> String {
 
 impl Entry {
     /// An entry of a bus; `devices` are those of the bus, with the units that they have now.
-    pub fn new(bus: &str, devices: &[Known], id: u64, exchange: &Exchange) -> Self {
+    fn new(bus: &str, devices: &[Known], id: u64, exchange: &Exchange) -> Self {
+        Self { id, exchange: ExchangeView::new(bus, devices, exchange), hint: hint(exchange, devices) }
+    }
+}
+
+impl ExchangeView {
+    /// What happened on a bus that has these devices.
+    pub fn new(bus: &str, devices: &[Known], exchange: &Exchange) -> Self {
         let asked = Asked::of(exchange);
         let (reason, clause) = match &exchange.outcome {
             Outcome::Reply => (None, None),
@@ -157,7 +171,6 @@ impl Entry {
         };
         let is_silent = matches!(exchange.outcome, Outcome::Silence(_));
         Self {
-            id,
             bus: bus.into(),
             elapsed_s: elapsed_s(exchange.at),
             now: civil_text(exchange.at.civil),
@@ -180,7 +193,6 @@ impl Entry {
             reply: hex(&exchange.reply),
             sent: exchange.sent.as_deref().map(hex),
             faults: exchange.faults.iter().map(|hit| FaultHit { id: hit.id, kind: hit.kind }).collect(),
-            hint: hint(exchange, devices),
         }
     }
 }
