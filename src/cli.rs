@@ -13,7 +13,7 @@ use tracing_subscriber::EnvFilter;
 use crate::config::{
     Config, ConfigError, DEFAULT_FILE, EXAMPLE, Overrides, Start, parse_address, parse_rate, parse_start,
 };
-use crate::ctl::{self, CtlArgs, Failed};
+use crate::ctl::{self, CtlArgs};
 use crate::device::Kind;
 use crate::devices::{KINDS, kind};
 use crate::export;
@@ -187,8 +187,8 @@ pub fn main() -> ExitCode {
         Command::Memory { command, state, config } => memory(&command, state, &config),
         Command::Ctl(args) => match ctl::run(args) {
             Ok(text) => print(&text),
-            Err(Failed(words)) => {
-                complain(&format!("error: {words}"));
+            Err(failed) => {
+                complain(&failed.text());
                 ExitCode::FAILURE
             }
         },

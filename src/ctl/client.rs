@@ -34,12 +34,12 @@ impl Client {
     pub fn new(url: &str, token_file: Option<&Path>) -> Result<Self, Failed> {
         let url = url.trim_end_matches('/');
         if !url.starts_with("http://") {
-            return Err(Failed(format!("--at takes a URL such as {}, not {url:?}", super::DEFAULT_URL)));
+            return Err(Failed::new(format!("--at takes a URL such as {}, not {url:?}", super::DEFAULT_URL)));
         }
         let token = match token_file {
             Some(path) => {
                 let read = std::fs::read_to_string(path);
-                let text = read.map_err(|error| Failed(format!("--token-file {}: {error}", path.display())))?;
+                let text = read.map_err(|error| Failed::new(format!("--token-file {}: {error}", path.display())))?;
                 Some(text.trim().to_owned())
             }
             None => std::env::var(TOKEN_VARIABLE).ok(),
@@ -120,7 +120,7 @@ impl Client {
         if text.is_empty() {
             return Ok(Value::Null);
         }
-        let foreign = |_| Failed(format!("what answers at {} is no standin", self.url));
+        let foreign = |_| Failed::new(format!("what answers at {} is no standin", self.url));
         serde_json::from_str(&text).map_err(foreign)
     }
 
@@ -132,7 +132,7 @@ impl Client {
         }
         let text = if body.is_null() { String::new() } else { body.to_string() };
         let request = request.header("content-type", "application/json").body(text);
-        let request = request.map_err(|error| Failed(format!("{}: {error}", self.url)))?;
+        let request = request.map_err(|error| Failed::new(format!("{}: {error}", self.url)))?;
         let mut response = self.agent.run(request).map_err(|error| self.unreachable(&error.to_string()))?;
         if response.status().is_success() {
             return Ok(response);
@@ -142,11 +142,12 @@ impl Client {
         let message = answer["error"]["message"].as_str();
         let words = message.map_or_else(|| format!("{} answers {}", self.url, response.status()), str::to_owned);
         let token_hint = "; set STANDIN_TOKEN or --token-file";
-        Err(Failed(if response.status() == 401 { words + token_hint } else { words }))
+        let words = if response.status() == 401 { words + token_hint } else { words };
+        Err(Failed { error: answer["error"].clone(), ..Failed::new(words) })
     }
 
     fn unreachable(&self, why: &str) -> Failed {
-        Failed(format!(
+        Failed::new(format!(
             "nobody answers at {}: {why}; does standin run, with --listen or [control] listen, and is --at or STANDIN_URL right?",
             self.url
         ))

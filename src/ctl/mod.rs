@@ -32,7 +32,7 @@ pub struct CtlArgs {
     /// The file that holds the interface's token; the environment's STANDIN_TOKEN serves too.
     #[arg(long, value_name = "FILE", global = true)]
     token_file: Option<PathBuf>,
-    /// Print the interface's own JSON.
+    /// Print the interface's own JSON, errors too.
     #[arg(long, global = true)]
     json: bool,
     #[command(subcommand)]
@@ -323,15 +323,43 @@ fn parse_range(text: &str) -> Result<(u16, u16), String> {
     }
 }
 
-/// Why it was not done, in words for stderr.
+/// Why it was not done, for stderr.
 #[derive(Debug)]
-pub struct Failed(pub String);
+pub struct Failed {
+    /// In words.
+    words: String,
+    /// The interface's own error; `null` where it was not asked or did not answer.
+    error: Value,
+    /// Whether JSON is wanted.
+    is_json: bool,
+}
+
+impl Failed {
+    /// What the interface did not say.
+    fn new(words: impl Into<String>) -> Self {
+        Self { words: words.into(), error: Value::Null, is_json: false }
+    }
+
+    /// The line to print.
+    pub fn text(&self) -> String {
+        if !self.is_json {
+            return format!("error: {}", self.words);
+        }
+        let own = || json!({ "code": "not_done", "message": self.words, "field": null });
+        json!({ "error": if self.error.is_null() { own() } else { self.error.clone() } }).to_string()
+    }
+}
 
 /// Does what is asked, and gives what is to be printed.
 ///
 /// # Errors
 /// Nobody answers, or what is asked is refused.
 pub fn run(args: CtlArgs) -> Result<String, Failed> {
+    let is_json = args.json;
+    act(args).map_err(|failed| Failed { is_json, ..failed })
+}
+
+fn act(args: CtlArgs) -> Result<String, Failed> {
     let client = Client::new(&args.at, args.token_file.as_deref())?;
     let (answer, text): (Value, fn(&Value) -> String) = match args.command {
         Command::Status => (client.get("/api/status")?, show::status),
@@ -395,7 +423,7 @@ fn get(client: &Client, device: &str, names: &[String], only_inputs: bool) -> Re
     let mut found = Map::new();
     for name in names {
         let reading = groups.iter().find_map(|group| view[*group].get(name));
-        let missing = || Failed(format!("{device} has no register, coil or input {name}"));
+        let missing = || Failed::new(format!("{device} has no register, coil or input {name}"));
         found.insert(name.clone(), reading.ok_or_else(missing)?.clone());
     }
     Ok(Value::Object(found))

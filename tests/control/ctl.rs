@@ -56,6 +56,23 @@ fn ctl_command_moves_time() {
 }
 
 #[test]
+fn ctl_command_tells_errors_as_json_where_json_is_wanted() {
+    let mut program = Program::bench();
+    let error = |program: &Program, line: &str| {
+        let text = complaint(program, &format!("{line} --json"), 1);
+        serde_json::from_str::<Value>(&text).unwrap_or_else(|_| panic!("{text}"))["error"].clone()
+    };
+    let refused = error(&program, "clock rate -1");
+    assert_eq!((&refused["code"], &refused["field"]), (&json!("bad_value"), &json!("rate")));
+    assert!(refused["message"].as_str().unwrap().contains("0 to 86400"), "{refused}");
+    let unknown = error(&program, "get charger no_such_register");
+    assert_eq!(unknown["code"], "not_done");
+    assert!(unknown["message"].as_str().unwrap().contains("no_such_register"), "{unknown}");
+    program.stop();
+    assert!(error(&program, "status")["message"].as_str().unwrap().contains("nobody answers"));
+}
+
+#[test]
 fn ctl_command_gets_and_sets() {
     let program = Program::bench();
     assert_eq!(said(&program, "get charger charge_voltage_limit"), "charge_voltage_limit  27.5  V  (raw 275)\n");
