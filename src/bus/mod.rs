@@ -424,7 +424,7 @@ impl Bus {
         wake_at.map(|at| segment.outer(at))
     }
 
-    /// Hands out the images of all stations, for the end of the program.
+    /// Hands out the images of all stations, where memory is kept: at the end of the program, or when much has happened.
     pub fn save_all(&mut self, now: Instant) {
         self.segment.set_now(now);
         self.segment.live_to(self.segment.now);

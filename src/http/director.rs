@@ -252,6 +252,10 @@ impl Director {
             let next_us = (self.step_us as f64 * share.clamp(0.25, 2.0)) as i64;
             self.step_us = next_us.clamp(STEP_US.1, STEP_US.2);
         }
+        // What moves by itself has moved far, and would be lost with the program (BUS-19).
+        for line in &self.lines {
+            line.call(|bus, now| bus.save_all(now)).await?;
+        }
         Ok(())
     }
 

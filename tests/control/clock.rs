@@ -4,7 +4,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use serde_json::json;
+use serde_json::{Value, json};
 
 use crate::program::{BENCH, Program};
 
@@ -40,6 +40,19 @@ fn ctl_clock_advance_happens_whole_and_until_gets_there() {
     let before = volts(&program);
     program.patch("/api/clock", json!({"advance_s": 3600})).ok();
     assert!(volts(&program) < before, "{} {before}", volts(&program));
+}
+
+#[test]
+fn bus_19_what_moved_in_an_advance_is_on_disk_when_it_is_done() {
+    let program = Program::start(&format!("state = \"{{dir}}/state\"\n{BENCH}"));
+    let charge = || {
+        let image = std::fs::read_to_string(program.folder.path().join("state/charger.json")).unwrap();
+        serde_json::from_str::<Value>(&image).unwrap()["device"]["battery_charge"].as_f64().unwrap()
+    };
+    program.patch("/api/devices/charger/inputs", json!({"ac_voltage": 0, "load_current": 0.7})).ok();
+    program.patch("/api/clock", json!({"advance_s": 3600})).ok();
+    // An hour of 0.7 A is a tenth of the 7 Ah of a battery that had nine (TRC-10, TRC-11).
+    assert!((charge() - 0.8).abs() < 0.001, "{}", charge());
 }
 
 #[test]
