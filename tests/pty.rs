@@ -17,7 +17,7 @@ use nix::sys::termios::BaudRate;
 use program::{ANSWER, ASK, CHARGER, Program, SILENCE, charger_on_pty, framed, open, refused, until};
 
 /// Longer than the program takes to notice on a busy machine that a client has gone.
-const SETTLE: Duration = Duration::from_millis(150);
+const SETTLE: Duration = Duration::from_millis(300);
 
 #[test]
 fn bus_23_clients_come_and_go_without_end() {
@@ -140,6 +140,35 @@ fn bus_23_a_second_client_is_not_disturbed_by_the_first_ones_end() {
         thread::sleep(Duration::from_millis(5));
         staying.send(&framed(&ASK)[4..]);
         staying.expect_frame(&ANSWER);
+    }
+}
+
+#[test]
+fn bus_23_a_program_that_was_held_up_tells_the_next_client_from_the_last() {
+    let program = Program::start(&charger_on_pty("slack_ms = 10_000"));
+    let whole = framed(&ASK);
+    let (half, both) = (whole[..5].to_vec(), [&whole[..], &whole[..5]].concat());
+    for (left, asks_at_once) in
+        [&whole, &half, &both, &Vec::new()].into_iter().flat_map(|left| [(left, false), (left, true)])
+    {
+        let mut last = open(&program.line());
+        last.expect_answer();
+        program.signal(Signal::SIGSTOP);
+        thread::sleep(Duration::from_millis(20));
+        last.send(left);
+        drop(last);
+        let mut next = open(&program.line());
+        let question = framed(&[4, 3, 0, 7, 0, 1]);
+        if asks_at_once {
+            next.send(&question);
+        }
+        program.signal(Signal::SIGCONT);
+        if !asks_at_once {
+            next.expect_silence();
+            next.send(&question);
+        }
+        next.expect_frame(&[4, 3, 2, 0, 180]);
+        next.expect_silence();
     }
 }
 

@@ -71,6 +71,11 @@ impl Settings {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct DoorId(u64);
 
+impl DoorId {
+    /// No door: replies to what a client that is gone has asked leave by it.
+    const NONE: Self = Self(u64::MAX);
+}
+
 /// What comes through a door.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum DoorKind {
@@ -100,6 +105,8 @@ struct Door {
 #[derive(Debug)]
 struct Queued {
     transaction: Option<u16>,
+    /// The client that asked is gone (BUS-23).
+    is_left: bool,
     unit: u8,
     pdu: Vec<u8>,
 }
@@ -246,9 +253,19 @@ impl Bus {
         self.take(now, door, bytes, Framer::push);
     }
 
-    /// Takes bytes that came in by a door and may begin with what a client before this one has half sent (BUS-23).
+    /// Takes bytes that came in by a door and may begin with what a client before this one has left (BUS-23). A client
+    /// waits for its reply, so a request that others follow is the one's that is gone: it is carried out and not answered.
     pub fn receive_mixed(&mut self, now: Instant, door: DoorId, bytes: &[u8]) {
         self.take(now, door, bytes, Framer::push_mixed);
+        let Some(index) = self.doors.iter().position(|other| other.id == door) else { return };
+        let (door, routes) = (&mut self.doors[index], &self.segment.routes);
+        while let Some((unit, pdu)) = next_frame(&mut door.framer, routes) {
+            let pdu = pdu.to_vec();
+            if door.requests.len() < QUEUE_MAX {
+                let is_left = door.framer.is_waiting();
+                door.requests.push_back(Queued { transaction: None, is_left, unit, pdu });
+            }
+        }
     }
 
     fn take(&mut self, now: Instant, door: DoorId, bytes: &[u8], push: fn(&mut Framer, &[u8])) {
@@ -261,7 +278,7 @@ impl Bus {
             let routes = &self.segment.routes;
             while let Some((unit, pdu)) = next_frame(&mut door.framer, routes) {
                 if door.requests.len() < QUEUE_MAX {
-                    door.requests.push_back(Queued { transaction: None, unit, pdu: pdu.to_vec() });
+                    door.requests.push_back(Queued { transaction: None, is_left: false, unit, pdu: pdu.to_vec() });
                 }
             }
             Self::silence(door, &mut self.segment);
@@ -301,7 +318,8 @@ impl Bus {
         self.segment.set_now(now);
         let Some(door) = self.door(door) else { return };
         if door.requests.len() < QUEUE_MAX {
-            door.requests.push_back(Queued { transaction: Some(transaction), unit, pdu: pdu.to_vec() });
+            let (transaction, pdu) = (Some(transaction), pdu.to_vec());
+            door.requests.push_back(Queued { transaction, is_left: false, unit, pdu });
         }
     }
 
@@ -350,9 +368,10 @@ impl Bus {
         let timeout_us = self.settings.frame_timeout_us();
         for door in &mut self.doors {
             if let Some(request) = door.requests.pop_front() {
-                let Queued { transaction, unit, pdu } = request;
+                let Queued { transaction, is_left, unit, pdu } = request;
                 let (kind, seen, warned) = (door.kind, door.seen, &mut door.warned);
-                self.segment.hear(Heard { door: door.id, kind, transaction, seen, warned, unit, pdu: &pdu });
+                let door = if is_left { DoorId::NONE } else { door.id };
+                self.segment.hear(Heard { door, kind, transaction, seen, warned, unit, pdu: &pdu });
                 return true;
             }
             if let Some((unit, pdu)) = next_frame(&mut door.framer, &self.segment.routes) {

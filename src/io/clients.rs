@@ -55,6 +55,9 @@ pub struct Clients {
     watch: Inotify,
     /// A second descriptor of the watch, which the reactor watches.
     bell: AsyncFd<OwnedFd>,
+    /// Who has written before and after the last close: only asked when clients have come and gone, because each request
+    /// is a writing. `None` where the system has no watch to spare.
+    pen: Option<Inotify>,
     /// How many there are, as far as is known: the kernel merges two events that are alike.
     count: u32,
     change: Change,
@@ -79,10 +82,14 @@ impl Clients {
             if errno == Errno::EMFILE { io::Error::other(format!("{errno}: {remedy}")) } else { errno.into() }
         })?;
         watch.add_watch(node, AddWatchFlags::IN_OPEN | AddWatchFlags::IN_CLOSE)?;
+        let pen = Inotify::init(InitFlags::IN_NONBLOCK | InitFlags::IN_CLOEXEC).ok();
+        if let Some(pen) = &pen {
+            pen.add_watch(node, AddWatchFlags::IN_MODIFY | AddWatchFlags::IN_CLOSE_WRITE)?;
+        }
         let bell = fd::watch(watch.as_fd().try_clone_to_owned()?, Interest::READABLE)?;
         let node = node.to_owned();
         let (change, own_events) = (Change::None, (false, false));
-        Ok(Self { node, kept: Some(kept), watch, bell, count: 0, change, events: 0, own_events, doubt: None })
+        Ok(Self { node, kept: Some(kept), watch, bell, pen, count: 0, change, events: 0, own_events, doubt: None })
     }
 
     /// Whether there is one.
@@ -118,17 +125,14 @@ impl Clients {
     /// # Errors
     /// The watch fails.
     pub fn look(&mut self) -> io::Result<Change> {
-        // Not `Inotify::read_events`, which clears a hundred kilobytes before each look, and this is one for each request.
-        let mut buffer = [0; EVENT_BYTES * EVENTS_AT_ONCE];
+        let mut events = [AddWatchFlags::empty(); EVENTS_AT_ONCE];
         loop {
-            let count = match read(self.watch.as_fd(), &mut buffer) {
-                Ok(count) => count,
-                Err(Errno::EAGAIN) => return Ok(self.change),
-                Err(errno) => return Err(errno.into()),
-            };
-            for event in buffer[..count].chunks_exact(EVENT_BYTES) {
-                let mask = [event[4], event[5], event[6], event[7]];
-                self.take(AddWatchFlags::from_bits_truncate(u32::from_ne_bytes(mask)));
+            let count = read_events(&self.watch, &mut events)?;
+            if count == 0 {
+                return Ok(self.change);
+            }
+            for event in &events[..count] {
+                self.take(*event);
             }
         }
     }
@@ -141,6 +145,27 @@ impl Clients {
     /// How often one had come or gone until the last look.
     pub fn events(&self) -> u64 {
         self.events
+    }
+
+    /// Whether something was written behind the last close, as far as is known: so by a client that is there. What one
+    /// that is gone has written is told before its close, for certain.
+    ///
+    /// # Errors
+    /// The watch fails.
+    pub fn have_written(&mut self) -> io::Result<bool> {
+        let Some(pen) = &self.pen else { return Ok(true) };
+        let mut events = [AddWatchFlags::empty(); EVENTS_AT_ONCE];
+        let mut told = Vec::new();
+        loop {
+            let count = read_events(pen, &mut events)?;
+            if count == 0 {
+                break;
+            }
+            told.extend_from_slice(&events[..count]);
+        }
+        // Bytes that nobody has been told of yet cannot be of one that is gone.
+        let is_writing = |event: &AddWatchFlags| event.contains(AddWatchFlags::IN_MODIFY);
+        Ok(told.last().is_some_and(is_writing) || !told.iter().any(is_writing))
     }
 
     fn take(&mut self, event: AddWatchFlags) {
@@ -227,6 +252,8 @@ impl Clients {
     /// The pty fails.
     pub fn settle(&mut self) -> io::Result<()> {
         let change = std::mem::replace(&mut self.change, Change::None);
+        // What was written until now is dealt with, too.
+        self.have_written()?;
         if self.kept.is_none() {
             self.hold()?;
         }
@@ -263,6 +290,22 @@ impl Clients {
     pub fn have_unread(&self) -> bool {
         self.kept.as_ref().is_some_and(|kept| fd::count_unread(kept).is_ok_and(|count| count > 0))
     }
+}
+
+/// Reads the next events of a watch, as many as fit, and gives how many. Not `Inotify::read_events`, which clears a
+/// hundred kilobytes before each look, and there is one for each request.
+fn read_events(watch: &Inotify, events: &mut [AddWatchFlags; EVENTS_AT_ONCE]) -> io::Result<usize> {
+    let mut buffer = [0; EVENT_BYTES * EVENTS_AT_ONCE];
+    let count = match read(watch.as_fd(), &mut buffer) {
+        Ok(count) => count,
+        Err(Errno::EAGAIN) => 0,
+        Err(errno) => return Err(errno.into()),
+    };
+    for (event, bytes) in events.iter_mut().zip(buffer[..count].chunks_exact(EVENT_BYTES)) {
+        let mask = [bytes[4], bytes[5], bytes[6], bytes[7]];
+        *event = AddWatchFlags::from_bits_truncate(u32::from_ne_bytes(mask));
+    }
+    Ok(count / EVENT_BYTES)
 }
 
 fn open_node(node: &Path) -> io::Result<OwnedFd> {

@@ -8,6 +8,7 @@ use std::task::{Context, Poll};
 use nix::errno::Errno;
 use nix::fcntl::OFlag;
 use nix::libc;
+use nix::poll::{PollFd, PollFlags, poll};
 use nix::pty::{grantpt, posix_openpt, ptsname_r, unlockpt};
 use nix::unistd::{read, write};
 use tokio::io::Interest;
@@ -23,6 +24,9 @@ use crate::time::Instant;
 
 /// More reads than it takes to empty what the kernel keeps of a client that is gone.
 const LEFT_READS_MAX: usize = 8;
+
+/// How long what a client has written may be on its way, in milliseconds.
+const ON_ITS_WAY_MS: u8 = 2;
 
 /// A pty and the link to it.
 #[derive(Debug)]
@@ -149,9 +153,13 @@ impl Pty {
         match self.clients.change() {
             Change::Gone => self.is_deserted = true,
             Change::Replaced => {
-                self.forget_client(ear)?;
-                self.clients.settle()?;
-                return self.hand_in_mixed(count, ear);
+                count += self.read_on_its_way(&mut ear.buffer[count..])?;
+                if self.clients.have_written()? {
+                    self.forget_client(ear)?;
+                    self.clients.settle()?;
+                    return self.hand_in_mixed(count, ear);
+                }
+                self.is_deserted = true;
             }
             Change::None | Change::Unsure => {}
         }
@@ -159,12 +167,15 @@ impl Pty {
         if count > 0 { self.hand_in(count, ear) } else { Ok(()) }
     }
 
-    /// Hands in what is there when one client has gone and another has come: nobody tells whose it is.
-    fn hand_in_mixed(&mut self, mut count: usize, ear: &mut Ear<'_>) -> io::Result<()> {
-        if count < ear.buffer.len() {
-            let read = read(self.master.get_ref(), &mut ear.buffer[count..]);
-            count += self.count(read)?.unwrap_or(0);
-        }
+    /// Reads what has been written and is on its way in the kernel for a moment: it tells whose the bytes before it are.
+    fn read_on_its_way(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        poll(&mut [PollFd::new(self.master.get_ref().as_fd(), PollFlags::POLLIN)], ON_ITS_WAY_MS)?;
+        let read = if buffer.is_empty() { Err(Errno::EAGAIN) } else { read(self.master.get_ref(), buffer) };
+        Ok(self.count(read)?.unwrap_or(0))
+    }
+
+    /// Hands in what is there when one client has gone and another has come and written: nobody tells whose it is.
+    fn hand_in_mixed(&mut self, count: usize, ear: &mut Ear<'_>) -> io::Result<()> {
         if count > 0 {
             self.tell_settings(ear)?;
             self.clients.spoke();
@@ -236,7 +247,12 @@ impl Port for Pty {
     }
 
     fn transmit(&mut self, _: DoorId, _: Option<u16>, bytes: &[u8]) -> io::Result<()> {
-        if self.is_deserted || !self.clients.are_there() {
+        // Whoever asked may have gone since, and the next one must not find this reply (BUS-23).
+        if self.clients.look()? == Change::Gone {
+            self.clients.ask(self.master.get_ref().as_fd())?;
+        }
+        let has_gone = matches!(self.clients.change(), Change::Gone | Change::Replaced);
+        if self.is_deserted || has_gone || !self.clients.are_there() {
             return Ok(());
         }
         self.outbox.send(bytes, |bytes| Ok(write(self.master.get_ref(), bytes)?))
