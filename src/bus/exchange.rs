@@ -1,9 +1,14 @@
 //! What a bus tells of what happens on it: requests and what became of them, changes of its devices, counts.
 
+use smallvec::SmallVec;
+
 use crate::faults::Hit;
 use crate::image::Member;
 use crate::station::Outcome;
 use crate::time::Moment;
+
+/// A message that is mostly short: one that fits takes no allocation, and each request that is journalled has two.
+pub type Bytes = SmallVec<[u8; 32]>;
 
 /// A request and what became of it: what traces, journals and metrics are made of.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,9 +24,9 @@ pub struct Exchange {
     /// In what form it came.
     pub form: Form,
     /// Unit, function and data of the request; all bytes of what is no frame.
-    pub request: Vec<u8>,
+    pub request: Bytes,
     /// Unit, function and data of the reply; empty without one.
-    pub reply: Vec<u8>,
+    pub reply: Bytes,
     /// What became of it.
     pub outcome: Outcome,
     /// The faults that hit it, in their order.

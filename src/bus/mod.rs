@@ -15,7 +15,7 @@ use std::collections::{HashSet, VecDeque};
 use std::sync::Arc;
 use std::task::Poll;
 
-pub use self::exchange::{Counters, Event, Exchange, Form};
+pub use self::exchange::{Bytes, Counters, Event, Exchange, Form};
 pub use self::hand::Snapshot;
 pub use self::journal::{Journal, RECORDS_MAX, REPLY_BOUNDS_US, Record, ReplyTimes, Subject, Tally, outcome_name};
 use self::segment::{Heard, Route, Segment};

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use std::task::Poll;
 
 use super::segment::{Heard, Route, Segment};
-use super::{DoorId, DoorKind, Event, Exchange, Form, Output, Timing};
+use super::{Bytes, DoorId, DoorKind, Event, Exchange, Form, Output, Timing};
 use crate::device::Refusal;
 use crate::faults::{Hit, Sent};
 use crate::line::Line;
@@ -133,7 +133,7 @@ impl Segment {
             let refusal = Refusal::new(Exception::IllegalDataValue, "the frame's CRC is wrong", "BUS-4");
             let mut told = self.no_frame(bytes, Outcome::Exception(refusal));
             told.station = Some(index);
-            told.reply.clone_from(&frame);
+            told.reply = Bytes::from_slice(&frame);
             Arc::new(told)
         });
         let (head, end) = ([frame[0], frame[1]], Some(End { is_exception: true, exchange }));
@@ -160,8 +160,8 @@ impl Segment {
             unit: bytes.first().copied().unwrap_or(0),
             station: None,
             form: Form::Damaged,
-            request: bytes.to_vec(),
-            reply: Vec::new(),
+            request: Bytes::from_slice(bytes),
+            reply: Bytes::new(),
             outcome,
             faults: Vec::new(),
             sent: None,
@@ -177,7 +177,7 @@ impl Segment {
             station,
             form: heard.transaction.map_or(Form::Rtu, |transaction| Form::Tcp { transaction }),
             request: heard.frame(),
-            reply: if is_silent { Vec::new() } else { self.scratch.clone() },
+            reply: if is_silent { Bytes::new() } else { Bytes::from_slice(&self.scratch) },
             outcome,
             faults,
             sent: None,
@@ -287,7 +287,7 @@ impl Segment {
                 if let Some(exchange) = &mut end.exchange {
                     let exchange = Arc::make_mut(exchange);
                     let refusal = Refusal::new(Exception::DeviceFailure, reason.to_owned(), "BUS-19");
-                    exchange.reply.clone_from(&reply.bytes);
+                    exchange.reply = Bytes::from_slice(&reply.bytes);
                     exchange.outcome = Outcome::Exception(refusal);
                     exchange.sent = None;
                 }

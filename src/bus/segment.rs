@@ -5,7 +5,7 @@ use std::collections::{HashMap, HashSet, VecDeque};
 use super::journal::Journal;
 use super::reply::Reply;
 use super::watch::Watch;
-use super::{Counters, DoorId, DoorKind, LineCheck, Output, Settings};
+use super::{Bytes, Counters, DoorId, DoorKind, LineCheck, Output, Settings};
 use crate::device::Refusal;
 use crate::faults::{Asked, Faults, Hit, Verdict};
 use crate::station::{self, Outcome, Station};
@@ -64,8 +64,10 @@ pub(super) struct Heard<'a> {
 
 impl Heard<'_> {
     /// Unit, function and data.
-    pub(super) fn frame(&self) -> Vec<u8> {
-        [&[self.unit], self.pdu].concat()
+    pub(super) fn frame(&self) -> Bytes {
+        let mut frame = Bytes::from_slice(&[self.unit]);
+        frame.extend_from_slice(self.pdu);
+        frame
     }
 
     /// The request as faults see it; `frame` is [`Heard::frame`].

@@ -138,7 +138,7 @@ mod tests {
         let clock = SimClock::new(civil(2014, 10, 27, 14, 22, 8), 1.0);
         let bus = Bus::new("line1", settings, clock, Vec::new());
         let (at, unit) = (bus.moment(Instant(250_000)), request[0]);
-        let (request, reply) = (request.to_vec(), reply.to_vec());
+        let (request, reply) = (request.into(), reply.into());
         text(
             &bus,
             &Exchange {
