@@ -101,6 +101,17 @@ fn bus_23_a_reply_on_its_way_to_a_client_that_has_gone_is_dropped() {
     next.expect_answer();
 }
 
+#[test]
+fn many_ptys_find_room_in_what_the_system_gives() {
+    let buses = (1..=64).map(|number| charger_on_pty("").replace("line1", &format!("line{number}")));
+    let config: String =
+        buses.enumerate().map(|(index, bus)| bus.replace("charger", &format!("charger{index}"))).collect();
+    let program = Program::start(&config);
+    for number in 1..=64 {
+        open(&program.folder.path().join(format!("line{number}"))).expect_answer();
+    }
+}
+
 /// A process that opens a port, sends bytes and waits.
 fn talker(path: &Path, bytes: &[u8]) -> Child {
     let escaped: String = bytes.iter().map(|byte| format!("\\{byte:03o}")).collect();

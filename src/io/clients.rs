@@ -5,6 +5,7 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 use std::path::{Path, PathBuf};
 use std::pin::Pin;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::task::{Context, Poll};
 use std::time::Duration;
 
@@ -56,8 +57,8 @@ pub struct Clients {
     /// A second descriptor of the watch, which the reactor watches.
     bell: AsyncFd<OwnedFd>,
     /// Who has written before and after the last close: only asked when clients have come and gone, because each request
-    /// is a writing. `None` where the system has no watch to spare.
-    pen: Option<Inotify>,
+    /// is a writing. `None` where there is none to spare.
+    pen: Option<Pen>,
     /// How many there are, as far as is known: the kernel merges two events that are alike.
     count: u32,
     change: Change,
@@ -82,10 +83,7 @@ impl Clients {
             if errno == Errno::EMFILE { io::Error::other(format!("{errno}: {remedy}")) } else { errno.into() }
         })?;
         watch.add_watch(node, AddWatchFlags::IN_OPEN | AddWatchFlags::IN_CLOSE)?;
-        let pen = Inotify::init(InitFlags::IN_NONBLOCK | InitFlags::IN_CLOEXEC).ok();
-        if let Some(pen) = &pen {
-            pen.add_watch(node, AddWatchFlags::IN_MODIFY | AddWatchFlags::IN_CLOSE_WRITE)?;
-        }
+        let pen = Pen::watch(node);
         let bell = fd::watch(watch.as_fd().try_clone_to_owned()?, Interest::READABLE)?;
         let node = node.to_owned();
         let (change, own_events) = (Change::None, (false, false));
@@ -157,7 +155,7 @@ impl Clients {
         let mut events = [AddWatchFlags::empty(); EVENTS_AT_ONCE];
         let mut told = Vec::new();
         loop {
-            let count = read_events(pen, &mut events)?;
+            let count = read_events(&pen.0, &mut events)?;
             if count == 0 {
                 break;
             }
@@ -289,6 +287,38 @@ impl Clients {
     /// Whether a client has yet to read something.
     pub fn have_unread(&self) -> bool {
         self.kept.as_ref().is_some_and(|kept| fd::count_unread(kept).is_ok_and(|count| count > 0))
+    }
+}
+
+/// A watch of what is written to a node.
+#[derive(Debug)]
+struct Pen(Inotify);
+
+/// How many there are in this program.
+static PENS: AtomicUsize = AtomicUsize::new(0);
+
+/// The most of them: by default the system gives a user 128 watches, and each pty needs another.
+const PENS_MAX: usize = 16;
+
+impl Pen {
+    /// `None` where there are enough already, or the system gives none.
+    fn watch(node: &Path) -> Option<Self> {
+        let spare = |count| (count < PENS_MAX).then_some(count + 1);
+        PENS.fetch_update(Ordering::Relaxed, Ordering::Relaxed, spare).ok()?;
+        let watch = Inotify::init(InitFlags::IN_NONBLOCK | InitFlags::IN_CLOEXEC).and_then(|watch| {
+            watch.add_watch(node, AddWatchFlags::IN_MODIFY | AddWatchFlags::IN_CLOSE_WRITE)?;
+            Ok(watch)
+        });
+        if watch.is_err() {
+            PENS.fetch_sub(1, Ordering::Relaxed);
+        }
+        watch.ok().map(Self)
+    }
+}
+
+impl Drop for Pen {
+    fn drop(&mut self) {
+        PENS.fetch_sub(1, Ordering::Relaxed);
     }
 }
 
