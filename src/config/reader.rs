@@ -1,5 +1,7 @@
 //! Reading a TOML document with the place of everything in it, and collecting what is wrong. Knows TOML, not the keys.
 
+use std::collections::HashSet;
+
 use toml::Spanned;
 use toml::de::{DeTable, DeValue};
 
@@ -11,7 +13,7 @@ pub(super) struct Problems<'a> {
     errors: Vec<(usize, String)>,
     warnings: Vec<(usize, String)>,
     /// Places of which everything has been said.
-    settled: Vec<usize>,
+    settled: HashSet<usize>,
 }
 
 /// Line and column, both from 1, and what is wrong there.
@@ -23,7 +25,7 @@ const ERRORS_WITH_ADVICE: usize = 200;
 impl<'a> Problems<'a> {
     pub(super) fn new(text: &'a str) -> Self {
         let line_starts = std::iter::once(0).chain(text.match_indices('\n').map(|(at, _)| at + 1)).collect();
-        Self { text, line_starts, errors: Vec::new(), warnings: Vec::new(), settled: Vec::new() }
+        Self { text, line_starts, errors: Vec::new(), warnings: Vec::new(), settled: HashSet::new() }
     }
 
     pub(super) fn error(&mut self, at: usize, message: impl Into<String>) {
@@ -34,7 +36,7 @@ impl<'a> Problems<'a> {
 
     /// What is wrong at a place has been said: what else is found there only follows from it.
     pub(super) fn settle(&mut self, at: usize) {
-        self.settled.push(at);
+        self.settled.insert(at);
     }
 
     pub(super) fn warn(&mut self, at: usize, message: impl Into<String>) {
