@@ -114,6 +114,14 @@ struct Queued {
 /// The most requests that wait for their turn at one door; more are dropped.
 pub const QUEUE_MAX: usize = 64;
 
+impl Door {
+    fn queue(&mut self, request: Queued) {
+        if self.requests.len() < QUEUE_MAX {
+            self.requests.push_back(request);
+        }
+    }
+}
+
 /// What the bus wants the shell to do, in this order.
 #[derive(Clone, Debug)]
 pub enum Output {
@@ -261,10 +269,8 @@ impl Bus {
         let (door, routes) = (&mut self.doors[index], &self.segment.routes);
         while let Some((unit, pdu)) = next_frame(&mut door.framer, routes) {
             let pdu = pdu.to_vec();
-            if door.requests.len() < QUEUE_MAX {
-                let is_left = door.framer.is_waiting();
-                door.requests.push_back(Queued { transaction: None, is_left, unit, pdu });
-            }
+            let is_left = door.framer.is_waiting();
+            door.queue(Queued { transaction: None, is_left, unit, pdu });
         }
     }
 
@@ -277,9 +283,8 @@ impl Bus {
             // Whole frames wait for the reply before them; only what follows them is none.
             let routes = &self.segment.routes;
             while let Some((unit, pdu)) = next_frame(&mut door.framer, routes) {
-                if door.requests.len() < QUEUE_MAX {
-                    door.requests.push_back(Queued { transaction: None, is_left: false, unit, pdu: pdu.to_vec() });
-                }
+                let pdu = pdu.to_vec();
+                door.queue(Queued { transaction: None, is_left: false, unit, pdu });
             }
             Self::silence(door, &mut self.segment);
         }
@@ -317,10 +322,7 @@ impl Bus {
     pub fn receive_pdu(&mut self, now: Instant, door: DoorId, transaction: u16, unit: u8, pdu: &[u8]) {
         self.segment.set_now(now);
         let Some(door) = self.door(door) else { return };
-        if door.requests.len() < QUEUE_MAX {
-            let (transaction, pdu) = (Some(transaction), pdu.to_vec());
-            door.requests.push_back(Queued { transaction, is_left: false, unit, pdu });
-        }
+        door.queue(Queued { transaction: Some(transaction), is_left: false, unit, pdu: pdu.to_vec() });
     }
 
     /// What is to be done now; `None` when all is done until [`Bus::wake_at`].
