@@ -153,17 +153,18 @@ impl Clients {
     pub fn have_written(&mut self) -> io::Result<bool> {
         let Some(pen) = &self.pen else { return Ok(true) };
         let mut events = [AddWatchFlags::empty(); EVENTS_AT_ONCE];
-        let mut told = Vec::new();
+        let (mut is_anything_written, mut is_last_a_writing) = (false, false);
         loop {
             let count = read_events(&pen.0, &mut events)?;
             if count == 0 {
-                break;
+                // Bytes that nobody has been told of yet cannot be of one that is gone.
+                return Ok(is_last_a_writing || !is_anything_written);
             }
-            told.extend_from_slice(&events[..count]);
+            for event in &events[..count] {
+                is_last_a_writing = event.contains(AddWatchFlags::IN_MODIFY);
+                is_anything_written |= is_last_a_writing;
+            }
         }
-        // Bytes that nobody has been told of yet cannot be of one that is gone.
-        let is_writing = |event: &AddWatchFlags| event.contains(AddWatchFlags::IN_MODIFY);
-        Ok(told.last().is_some_and(is_writing) || !told.iter().any(is_writing))
     }
 
     fn take(&mut self, event: AddWatchFlags) {
